@@ -1,0 +1,1 @@
+"""Independent check of limits, from r(s), s(t) and set points alone."""

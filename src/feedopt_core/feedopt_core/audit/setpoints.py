@@ -1,0 +1,53 @@
+"""Audit of set points by finite differences, rest before and after included: what the drives are really asked for.
+
+Differences of order n over the period h are averages of the n-th derivative over n periods, so where the motion obeys its
+limits at every instant, and at rest, the differences do too; a limit broken between two set points shows on the fine grid.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feedopt_core.arrays import FloatArray
+from feedopt_core.audit.quantities import AxisMotion, motion_rows, worst_rows
+from feedopt_core.audit.report import AuditReport
+from feedopt_core.config.machine import Machine
+
+GRID = "1 kHz"
+_REST = 3
+
+
+def audit_setpoints(position_mm: FloatArray, s_mm: FloatArray, period_s: float, machine: Machine, t_start_s: float = 0.0) -> AuditReport:
+    """Worst ratios of equidistant set points that start and end at rest.
+
+    Args:
+        position_mm: axis positions, shape (n, n_axes), first to last set point of the motion.
+        s_mm: arc length of each set point, shape (n,), for the report only.
+        period_s: time between set points.
+        machine: whose limits count.
+        t_start_s: time of the first set point, for the report.
+    """
+    x = np.pad(position_mm, ((_REST, _REST), (0, 0)), mode="edge").T
+    s = np.pad(s_mm, _REST, mode="edge")
+    t = t_start_s + period_s * (np.arange(x.shape[1]) - _REST)
+    # Largest differences, each at its own instants: nothing is smoothed away.
+    velocity = np.diff(x, axis=1) / period_s
+    jerk = np.diff(x, n=3, axis=1) / period_s**3
+    # Everything at the set points themselves, for the drive model.
+    inner = slice(2, -2)
+    motion = AxisMotion(
+        velocity_mm_s=((x[:, 2:] - x[:, :-2]) / (2.0 * period_s))[:, 1:-1],
+        acceleration_mm_s2=(np.diff(x, n=2, axis=1) / period_s**2)[:, 1:-1],
+        jerk_mm_s3=0.5 * (jerk[:, 1:] + jerk[:, :-1]),
+        s_mm=s[inner],
+        t_s=t[inner],
+    )
+    rows = [row for row in motion_rows(GRID, machine, motion) if row.quantity not in ("velocity", "jerk")]
+    for quantity, values, limits, lag in (
+        ("velocity", velocity, machine.velocity_limit_mm_s, 1),
+        ("jerk", jerk, machine.jerk_limit_mm_s3, 2),
+    ):
+        at = slice(lag, lag + values.shape[1])
+        shifted = AxisMotion(values, values, values, s[at], t[at])
+        rows += worst_rows(GRID, machine, quantity, values, limits, shifted)
+    return AuditReport(tuple(rows))

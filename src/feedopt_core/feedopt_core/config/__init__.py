@@ -1,0 +1,1 @@
+"""Machine files and where they are found."""

@@ -1,0 +1,53 @@
+"""Where the configuration stands: installed share folder, or the source tree."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from pathlib import Path
+
+from feedopt_core.errors import ConfigError
+
+PACKAGE = "feedopt_config"
+
+
+@cache
+def config_directory() -> Path:
+    """Folder with ``graph.yaml``, ``machines/``, ``nodes/`` and ``programs/``.
+
+    The installed package ``feedopt_config`` comes first; without it, ``config/`` of the source tree this file stands in.
+
+    Raises:
+        ConfigError: neither is there.
+    """
+    # The ament index itself, read without ROS: one share folder a package below each prefix.
+    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+        share = Path(prefix) / "share" / PACKAGE
+        if prefix and (share / "graph.yaml").is_file():
+            return share
+    for parent in Path(__file__).resolve().parents:
+        if (parent / "config" / "graph.yaml").is_file():
+            return parent / "config"
+    raise ConfigError(f"package {PACKAGE} is not installed: build the workspace and source its setup, or run ./feedopt")
+
+
+def find_config(folder: str, name_or_path: str, suffix: str = ".yaml") -> Path:
+    """Path of a configuration file given as a path or as the name of a file in one folder of the configuration.
+
+    Args:
+        folder: folder below :func:`config_directory`, such as ``machines``.
+        name_or_path: an existing file, or a name in that folder with or without its suffix.
+        suffix: suffix of the files in that folder.
+
+    Raises:
+        ConfigError: no such file; the message lists the names there are.
+    """
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    directory = config_directory() / folder
+    named = directory / (name_or_path if name_or_path.endswith(suffix) else name_or_path + suffix)
+    if named.is_file() and named.parent == directory:
+        return named
+    known = ", ".join(sorted(entry.stem for entry in directory.glob(f"*{suffix}")))
+    raise ConfigError(f"{name_or_path}: neither a file nor one of the names in {folder}: {known}")

@@ -1,0 +1,185 @@
+"""Machine files: axes, limits and the identified drive model. Limits have no defaults."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from feedopt_core.arrays import FloatArray
+from feedopt_core.config.locate import find_config
+from feedopt_core.errors import ConfigError
+
+COORDINATES = ("x", "y", "z")
+_ROOT = "/**"
+_LIMITS = ("velocity_limit_mm_s", "acceleration_limit_mm_s2", "jerk_limit_mm_s3")
+_DRIVE_LIMITS = ("control_limit_volts", "tracking_error_limit_mm")
+
+
+@dataclass(frozen=True)
+class DriveModel:
+    """Identified drive model, one entry an axis (thesis section 3.6.1).
+
+    Control signal ``u = inertia a + viscous v + offset + coulomb sign(v)`` in V; quasi-static tracking error
+    ``e = kv v + ka a + kj j`` in mm; ``v, a, j`` are the axis' own velocity, acceleration and jerk.
+    """
+
+    inertia_volts_s2_mm: tuple[float, ...]
+    viscous_volts_s_mm: tuple[float, ...]
+    offset_volts: tuple[float, ...]
+    coulomb_volts: tuple[float, ...]
+    tracking_kv_s: tuple[float, ...]
+    tracking_ka_s2: tuple[float, ...]
+    tracking_kj_s3: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Axes and limits of a machine; every tuple has one entry an axis.
+
+    ``control_limit_volts``, ``tracking_error_limit_mm`` and ``drive`` are None where the file gives no drive model.
+    """
+
+    name: str
+    yaml_text: str
+    axis_names: tuple[str, ...]
+    coordinate: tuple[int, ...]
+    feed_limit_mm_s: float
+    velocity_limit_mm_s: tuple[float, ...]
+    acceleration_limit_mm_s2: tuple[float, ...]
+    jerk_limit_mm_s3: tuple[float, ...]
+    control_limit_volts: tuple[float, ...] | None = None
+    tracking_error_limit_mm: tuple[float, ...] | None = None
+    drive: DriveModel | None = None
+
+    @property
+    def dimensions(self) -> int:
+        """Number of tool coordinates the axes span: 2 (x, y) or 3 (x, y, z)."""
+        return max(self.coordinate) + 1
+
+    def axis_matrix(self) -> FloatArray:
+        """Axis map K, shape (n_axes, dimensions): axis position = K tool position. A gantry repeats a row."""
+        matrix = np.zeros((len(self.axis_names), self.dimensions))
+        matrix[np.arange(len(self.axis_names)), list(self.coordinate)] = 1.0
+        return matrix
+
+
+def machine_path(name_or_path: str) -> Path:
+    """File of a machine given by path or by its name in ``config/machines``. Raises ConfigError."""
+    return find_config("machines", name_or_path)
+
+
+def load_machine(name_or_path: str) -> Machine:
+    """Read and check a machine file.
+
+    Raises:
+        ConfigError: no such file, not YAML, a missing, unknown or impossible key; names file, key and axis.
+    """
+    path = machine_path(name_or_path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    return parse_machine(text, str(path))
+
+
+def parse_machine(text: str, source: str) -> Machine:
+    """Machine from the text of its file; ``source`` names it in errors. Raises ConfigError."""
+    try:
+        document = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{source}: not valid YAML: {error}") from error
+    try:
+        section = document[_ROOT]["ros__parameters"]["machine"]
+    except (TypeError, KeyError) as error:
+        raise ConfigError(f"{source}: has no section '{_ROOT}: ros__parameters: machine:'") from error
+    if not isinstance(section, Mapping):
+        raise ConfigError(f"{source}: section machine is not a mapping of keys to values")
+    return _MachineSection(section, source).machine(text)
+
+
+class _MachineSection:
+    """The section of a machine file while it is being checked."""
+
+    def __init__(self, section: Mapping[str, Any], source: str) -> None:
+        self.section = section
+        self.source = source
+
+    def machine(self, text: str) -> Machine:
+        drive_keys = [field.name for field in fields(DriveModel)]
+        known = {"name", "source", "axis_names", "coordinate", "feed_limit_mm_s", *_LIMITS, *_DRIVE_LIMITS, *drive_keys}
+        for key in self.section:
+            if key not in known:
+                raise ConfigError(f"{self.source}: unknown key {key}; known are {', '.join(sorted(known))}")
+        axis_names = self._axis_names()
+        has_drive = any(key in self.section for key in (*drive_keys, *_DRIVE_LIMITS))
+        drive = DriveModel(**{key: self._row(key, axis_names, signed=key == "offset_volts") for key in drive_keys}) if has_drive else None
+        return Machine(
+            name=str(self._value("name")),
+            yaml_text=text,
+            axis_names=axis_names,
+            coordinate=self._coordinate(axis_names),
+            feed_limit_mm_s=self._positive("feed_limit_mm_s", self._value("feed_limit_mm_s")),
+            **{key: self._row(key, axis_names, positive=True) for key in _LIMITS},
+            **{key: self._row(key, axis_names, positive=True) if has_drive else None for key in _DRIVE_LIMITS},
+            drive=drive,
+        )
+
+    def _value(self, key: str) -> Any:
+        if key not in self.section:
+            raise ConfigError(f"{self.source}: {key} is missing; machine files have no defaults")
+        return self.section[key]
+
+    def _axis_names(self) -> tuple[str, ...]:
+        names = self._value("axis_names")
+        if not isinstance(names, list) or not names or not all(isinstance(name, str) and name for name in names):
+            raise ConfigError(f"{self.source}: axis_names must be a list of names, is {names!r}")
+        if len(set(names)) != len(names):
+            raise ConfigError(f"{self.source}: axis_names has a name twice: {names!r}")
+        return tuple(names)
+
+    def _coordinate(self, axis_names: tuple[str, ...]) -> tuple[int, ...]:
+        letters = self._value("coordinate")
+        if not isinstance(letters, list) or len(letters) != len(axis_names):
+            raise ConfigError(f"{self.source}: coordinate needs one of x, y, z for each of the {len(axis_names)} axes")
+        for name, letter in zip(axis_names, letters, strict=True):
+            if letter not in COORDINATES:
+                raise ConfigError(f"{self.source}: coordinate of axis {name} is {letter!r}, must be x, y or z")
+        indices = tuple(COORDINATES.index(letter) for letter in letters)
+        missing = [COORDINATES[i] for i in range(max(*indices, 1) + 1) if i not in indices]
+        if missing:
+            raise ConfigError(f"{self.source}: no axis follows coordinate {missing[0]}")
+        return indices
+
+    def _row(self, key: str, axis_names: tuple[str, ...], *, positive: bool = False, signed: bool = False) -> tuple[float, ...]:
+        values = self._value(key)
+        if not isinstance(values, list) or len(values) != len(axis_names):
+            raise ConfigError(f"{self.source}: {key} needs {len(axis_names)} values, one for each of {', '.join(axis_names)}")
+        row = []
+        for name, value in zip(axis_names, values, strict=True):
+            number = self._number(f"{key} of axis {name}", value)
+            if positive and number <= 0.0:
+                raise ConfigError(f"{self.source}: {key} of axis {name} is {number:g}, must be above zero")
+            if not signed and number < 0.0:
+                raise ConfigError(f"{self.source}: {key} of axis {name} is {number:g}, must not be negative")
+            row.append(number)
+        return tuple(row)
+
+    def _positive(self, key: str, value: Any) -> float:
+        number = self._number(key, value)
+        if number <= 0.0:
+            raise ConfigError(f"{self.source}: {key} is {number:g}, must be above zero")
+        return number
+
+    def _number(self, place: str, value: Any) -> float:
+        # YAML 1.1 reads 1e-3 without a dot as text; say so instead of failing on a type.
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ConfigError(f"{self.source}: {place} is {value!r}, must be a number (YAML needs a dot: 1.0e-3)")
+        if not math.isfinite(value):
+            raise ConfigError(f"{self.source}: {place} is {value!r}, must be finite")
+        return float(value)

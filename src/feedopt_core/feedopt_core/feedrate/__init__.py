@@ -1,0 +1,1 @@
+"""Planning the feed profile q(s) = feedrate squared."""

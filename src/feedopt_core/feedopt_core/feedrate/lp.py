@@ -1,0 +1,192 @@
+"""Method ``lp``: velocity, acceleration and jerk limits of every axis, minimum time, quadratic B-spline in q.
+
+The limits are those of the thesis' LP (section 3.4). Its pseudo-jerk, which bounds sqrt(q) by the solution without jerk
+limit once and for all, is replaced by the jerk limit's own tangent, set anew in every iteration; its objective
+(integral of q) by the motion time. docs/decisions/ holds the comparison.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from feedopt_core.arrays import FloatArray
+from feedopt_core.errors import SolverError
+from feedopt_core.feedrate.mesh import QuadraticSpline, graded_knots
+from feedopt_core.feedrate.method import StartState, Window, WindowPlan
+from feedopt_core.feedrate.profile import ElementKind, FeedProfile
+from feedopt_core.limits.axis_limits import KinematicLimits, LimitRows, axis_geometry, span_points
+from feedopt_core.limits.excess import limit_ratios
+from feedopt_core.limits.rest import rest_length_mm, rest_scale_limit
+from feedopt_core.path.toolpath import Toolpath
+from feedopt_core.solvers.banded_interior_point import FixedStart, RestEnd, TimeProblem, local_products, minimise_time
+
+_POINTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+_BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90.0
+_CHECK_POINTS = np.linspace(0.0, 1.0, 13)
+_MARGIN = 2e-4
+_RELAXED_MM = 20.0
+_REPAIRS = 4
+
+
+@dataclass(frozen=True)
+class KinematicMethod:
+    """Minimum time under kinematic limits on one window.
+
+    Attributes:
+        limits: of the axes and the feed.
+        knot_spacing_mm: largest spacing of the knots of q(s).
+        allowed_ratio: largest value over its limit to accept between the points of the optimisation.
+    """
+
+    limits: KinematicLimits
+    knot_spacing_mm: float
+    allowed_ratio: float = 1.0
+    name: str = "lp"
+
+    def plan(self, toolpath: Toolpath, window: Window) -> WindowPlan:
+        """See :class:`~feedopt_core.feedrate.method.PlanningMethod`. Raises SolverError."""
+        solve = _WindowSolve(self, toolpath, window)
+        iterations = 0
+        worst = np.inf
+        for _ in range(_REPAIRS):
+            control_points, count, rows = solve.minimum_time()
+            iterations += count
+            profile = solve.profile(control_points)
+            excess = limit_ratios(toolpath, self.limits, profile[solve.spline_elements], _CHECK_POINTS) / self.allowed_ratio
+            worst = float(np.max(excess, initial=0.0))
+            if worst <= 1.0:
+                return WindowPlan(profile, len(control_points), rows, iterations)
+            solve.tighten(excess)
+        raise SolverError(
+            f"window {window.start_mm:.3f} to {window.end_mm:.3f} mm: limits are exceeded {worst:.5f} times between the knots "
+            f"after {_REPAIRS} repairs; use a smaller knot spacing than {self.knot_spacing_mm:g} mm"
+        )
+
+
+class _WindowSolve:
+    """One window while it is being solved: mesh, rows, end conditions."""
+
+    def __init__(self, method: KinematicMethod, toolpath: Toolpath, window: Window) -> None:
+        self.method, self.toolpath, self.window = method, toolpath, window
+        limits, spacing = method.limits, method.knot_spacing_mm
+        start_rest = rest_length_mm(toolpath, limits, window.start_mm, +1) if window.start is None else None
+        end_rest = rest_length_mm(toolpath, limits, window.end_mm, -1)
+        self.knots = graded_knots(
+            window.start_mm,
+            window.end_mm,
+            toolpath.joints_mm(window.start_mm, window.end_mm),
+            spacing,
+            rest_start_mm=None if start_rest is None else min(start_rest, spacing),
+            rest_end_mm=min(end_rest, spacing),
+        )
+        first = 0 if start_rest is None else 1
+        self.spline_elements = slice(first, len(self.knots) - 2)
+        self.spline = QuadraticSpline.on(self.knots[first:-1])
+        self.points_mm = span_points(self.spline.knots_mm, _POINTS)
+        self.geometry = axis_geometry(toolpath, limits.axis_matrix, self.points_mm)
+        self.scale = np.broadcast_to(self._margin(self.points_mm), self.points_mm.shape).copy()
+
+    def _margin(self, s_mm: FloatArray) -> FloatArray:
+        """Factor on the limits: what a window leaves at its end, the next one finds as room at its start."""
+        distance = s_mm - self.window.start_mm
+        ramp = 1.0 if self.window.start is None else np.minimum(distance / _RELAXED_MM, 1.0)
+        return np.asarray(1.0 - _MARGIN * ramp)
+
+    def tighten(self, excess: FloatArray) -> None:
+        """Lower the limits where they were exceeded between the points, a little more than by the excess; shape (m,)."""
+        spread = excess.copy()
+        spread[1:] = np.maximum(spread[1:], excess[:-1])
+        spread[:-1] = np.maximum(spread[:-1], excess[1:])
+        self.scale /= np.maximum(1.0, 1.0 + 1.2 * (spread - 1.0))
+
+    def minimum_time(self) -> tuple[FloatArray, int, int]:
+        basis = self.spline.basis(_POINTS)
+        rows = LimitRows(self.geometry, self.method.limits, basis, self.scale)
+        if self.window.start is not None:
+            rows.release_start_state()
+        start, end = self._start(), self._end()
+        problem = TimeProblem(
+            basis=rows.basis,
+            weights_mm=_BOOLE[:, None] * self.spline.widths_mm,
+            rows=lambda c: rows.tangent_at(local_products(rows.basis, c)),
+            start=start,
+            end=end,
+        )
+        failure: SolverError | None = None
+        for guess in self._guesses(rows, start, end):
+            try:
+                solution = minimise_time(problem, guess)
+            except SolverError as error:
+                failure = error
+                continue
+            return solution.control_points, solution.iterations, solution.row_count
+        raise SolverError(f"window {self.window.start_mm:.3f} to {self.window.end_mm:.3f} mm: {failure}") from failure
+
+    def _start(self) -> FixedStart | RestEnd:
+        state, h = self.window.start, float(self.spline.widths_mm[0])
+        if state is not None:
+            return FixedStart(state.q_mm2_s2, state.q_mm2_s2 + 0.5 * h * state.dq_ds_mm_s2)
+        return self._rest_end(self.window.start_mm, float(self.knots[1] - self.knots[0]), h, +1)
+
+    def _end(self) -> RestEnd:
+        width = float(self.knots[-1] - self.knots[-2])
+        return self._rest_end(self.window.end_mm, width, float(self.spline.widths_mm[-1]), -1)
+
+    def _rest_end(self, s_rest_mm: float, width_mm: float, span_mm: float, sign: int) -> RestEnd:
+        scale = float(self.scale[0, 0] if sign > 0 else self.scale[-1, -1])
+        p = rest_scale_limit(self.toolpath, self.method.limits, s_rest_mm, width_mm, sign, scale)
+        return RestEnd(ratio=1.0 + 2.0 / 3.0 * span_mm / width_mm, outer_limit=p * float(np.cbrt(width_mm)) ** 4)
+
+    def _guesses(self, rows: LimitRows, start: FixedStart | RestEnd, end: RestEnd) -> Iterator[FloatArray]:
+        """Starting points: below every limit that is known beforehand; with the stop committed before, where there is one."""
+        knots = self.spline.knots_mm
+        s = np.concatenate([knots[:1], (knots[:-1] + knots[1:]) / 2.0, knots[-1:]])
+        ceiling = np.concatenate([rows.q_limit[0, :1], np.min(rows.q_limit, axis=0), rows.q_limit[-1, -1:]])
+        for rest, at_mm in ((start, self.window.start_mm), (end, self.window.end_mm)):
+            if isinstance(rest, RestEnd):
+                edge = knots[0] if rest is start else knots[-1]
+                p = rest.outer_limit / abs(edge - at_mm) ** (4.0 / 3.0)
+                ceiling = np.minimum(ceiling, p * np.abs(s - at_mm) ** (4.0 / 3.0))
+        low = 0.05 * ceiling
+        if self.window.guess is not None:
+            before = self.window.guess
+            inside = (s >= before.s_mm[0]) & (s <= before.s_mm[-1])
+            warm = low.copy()
+            warm[inside] = np.maximum(warm[inside], 0.95 * before.q_at(s[inside])[0])
+            yield warm
+        yield low
+        yield 0.3 * ceiling
+
+    def profile(self, control_points: FloatArray) -> FeedProfile:
+        q, slope, bend = self.spline.start_of_spans(control_points)
+        m = len(q)
+        kind = np.full(m, int(ElementKind.QUADRATIC))
+        jerk = np.zeros(m)
+        leaves_rest = self.window.start is None
+        ends = ([ElementKind.REST_START] if leaves_rest else [], [ElementKind.REST_END])
+        jerks = (
+            [_rest_jerk(float(control_points[0]), float(self.knots[1] - self.knots[0]))] if leaves_rest else [],
+            [_rest_jerk(float(control_points[-1]), float(self.knots[-1] - self.knots[-2]))],
+        )
+        last = self._end_state(control_points)
+        head = [0.0] if leaves_rest else []
+        return FeedProfile(
+            np.concatenate([np.array(ends[0], dtype=int), kind, np.array(ends[1], dtype=int)]),
+            self.knots,
+            np.concatenate([head, q, [last.q_mm2_s2]]),
+            np.concatenate([head, slope, [last.dq_ds_mm_s2]]),
+            np.concatenate([head, bend, [0.0]]),
+            np.concatenate([jerks[0], jerk, jerks[1]]),
+        )
+
+    def _end_state(self, control_points: FloatArray) -> StartState:
+        h = float(self.spline.widths_mm[-1])
+        return StartState(float(control_points[-1]), 2.0 * float(control_points[-1] - control_points[-2]) / h)
+
+
+def _rest_jerk(q_mm2_s2: float, width_mm: float) -> float:
+    """Jerk of the element at rest that reaches q over its width, mm/s^3."""
+    return 2.0 / 9.0 * q_mm2_s2**1.5 / width_mm**2

@@ -1,0 +1,64 @@
+"""What a planning method is asked for and what it answers: one window of the path, from a state to rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from feedopt_core.feedrate.profile import FeedProfile
+from feedopt_core.path.toolpath import Toolpath
+
+
+@dataclass(frozen=True)
+class StartState:
+    """State the window continues from.
+
+    Attributes:
+        q_mm2_s2: feedrate squared, above zero.
+        dq_ds_mm_s2: twice the path acceleration.
+    """
+
+    q_mm2_s2: float
+    dq_ds_mm_s2: float
+
+
+@dataclass(frozen=True)
+class Window:
+    """A part of the path that ends at rest.
+
+    Attributes:
+        start_mm, end_mm: arc lengths of its ends.
+        start: state at its start; None is rest.
+        guess: a profile that starts in the same state and may cover a part of the window (the stop committed before).
+    """
+
+    start_mm: float
+    end_mm: float
+    start: StartState | None = None
+    guess: FeedProfile | None = None
+
+
+@dataclass(frozen=True)
+class WindowPlan:
+    """Profile from the window's start to rest at its end, with the figures of the solver."""
+
+    profile: FeedProfile
+    variables: int
+    rows: int
+    iterations: int
+
+
+class PlanningMethod(Protocol):
+    """A way of planning one window. Implementations hold their limits and settings, never state between windows."""
+
+    @property
+    def name(self) -> str:
+        """Name on the command line and in every chunk."""
+
+    def plan(self, toolpath: Toolpath, window: Window) -> WindowPlan:
+        """Plan one window.
+
+        Raises:
+            InfeasibleLimitsError: no motion within the limits exists.
+            SolverError: the optimiser found none.
+        """

@@ -1,0 +1,209 @@
+"""Windowed planning of a path as it arrives.
+
+Every window is planned from the committed state to rest at the end of the path that is known (or at the next exact stop).
+Only its first part is committed; the rest is the stop that comes with it. So what is committed always ends in a feasible
+stop, whatever happens to the stream, the solver or the time it takes; docs/decisions/ holds the argument.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from feedopt_core.audit.fine_grid import audit_profile
+from feedopt_core.audit.report import ALLOWED_RATIO
+from feedopt_core.config.machine import Machine
+from feedopt_core.errors import InfeasibleLimitsError, SolverError
+from feedopt_core.feedrate.chunk import Certificate, Chunk, SolverFigures
+from feedopt_core.feedrate.method import PlanningMethod, StartState, Window, WindowPlan
+from feedopt_core.feedrate.methods import make_method
+from feedopt_core.feedrate.profile import FeedProfile
+from feedopt_core.limits.axis_limits import KinematicLimits
+from feedopt_core.limits.stopping import longest_stop_mm
+from feedopt_core.path.segments import Segment
+from feedopt_core.path.toolpath import Toolpath
+
+_STOPS_OF_LOOK_AHEAD = 1.5
+_STOPS_OF_COMMITMENT = 2.5
+_LEAST_LOOK_AHEAD_MM = 5.0
+
+
+@dataclass(frozen=True)
+class PlannerParameters:
+    """Parameters of the planner; the same names stand in config/nodes/planner.yaml."""
+
+    method: str = field(default="lp", metadata={"doc": "planning method"})
+    knot_spacing_mm: float = field(default=0.25, metadata={"unit": "mm", "range": (1e-3, 100.0), "doc": "largest knot spacing of q(s)"})
+    look_ahead_mm: float = field(
+        default=0.0, metadata={"unit": "mm", "range": (0.0, 1e6), "doc": "path behind what is committed; 0: from the stopping distance"}
+    )
+    commitment_mm: float = field(
+        default=0.0, metadata={"unit": "mm", "range": (0.0, 1e6), "doc": "path committed by one window; 0: from the stopping distance"}
+    )
+
+
+@dataclass(frozen=True)
+class _Committed:
+    """End of what is committed: where, when, in which state, and the stop that continues it."""
+
+    s_mm: float = 0.0
+    t_s: float = 0.0
+    state: StartState | None = None
+    stop: FeedProfile | None = None
+    sequence: int = 0
+
+
+class StreamPlanner:
+    """Plans one program on one machine: segments in, chunks out.
+
+    Args:
+        machine: limits and drive model.
+        parameters: see PlannerParameters.
+        method: planning method; None makes the one the parameters name.
+
+    Raises:
+        ConfigError: unknown method.
+        InfeasibleLimitsError: the machine's limits leave no motion at all.
+    """
+
+    def __init__(self, machine: Machine, parameters: PlannerParameters, method: PlanningMethod | None = None) -> None:
+        self.machine = machine
+        self.toolpath = Toolpath()
+        self._method = method or make_method(parameters.method, machine, parameters.knot_spacing_mm)
+        stop_mm = max(longest_stop_mm(KinematicLimits.of(machine)), _LEAST_LOOK_AHEAD_MM)
+        self._look_ahead_mm = parameters.look_ahead_mm or _STOPS_OF_LOOK_AHEAD * stop_mm
+        self._commitment_mm = parameters.commitment_mm or _STOPS_OF_COMMITMENT * stop_mm
+        self._committed = _Committed()
+        self._last_segment = 0
+        self._stops: dict[int, tuple[float, float]] = {}
+        self.finished = False
+
+    @property
+    def committed_s_mm(self) -> float:
+        """Arc length up to which motion is committed."""
+        return self._committed.s_mm
+
+    @property
+    def committed_t_s(self) -> float:
+        """Motion time up to which motion is committed."""
+        return self._committed.t_s
+
+    @property
+    def last_segment_sequence(self) -> int:
+        """Sequence of the last segment taken in."""
+        return self._last_segment
+
+    def add_segment(self, segment: Segment) -> None:
+        """Take in the next segment. Raises ToolpathError where it does not join the one before."""
+        self.toolpath.append(segment)
+        self._last_segment = segment.place.sequence
+
+    def discard_before(self, s_mm: float) -> None:
+        """Forget path and stops that the interpolator has left behind."""
+        self.toolpath.discard_before(min(s_mm, self._committed.s_mm))
+        self._stops = {sequence: stop for sequence, stop in self._stops.items() if stop[0] >= s_mm}
+
+    def next_chunk(self) -> Chunk | None:
+        """Plan and commit the next chunk; None where more path is needed or the program is finished.
+
+        Raises:
+            InfeasibleLimitsError: no motion within the limits exists from the committed state.
+            SolverError: no plan was found and there is no stop left to fall back on.
+        """
+        target = self._target()
+        if target is None:
+            return None
+        start_mm, end_mm, commit_all = target
+        began = time.perf_counter()
+        fallback = False
+        try:
+            plan = self._method.plan(self.toolpath, Window(start_mm, end_mm, self._committed.state, self._committed.stop))
+        except (SolverError, InfeasibleLimitsError):
+            if self._committed.stop is None:
+                raise
+            plan, fallback = self._fallback(self._committed.stop)
+        solved = time.perf_counter()
+        chunk, worst = self._chunk(plan, commit_all, fallback, solved - began)
+        if worst > ALLOWED_RATIO:
+            if self._committed.stop is None or fallback:
+                raise SolverError(
+                    f"the plan from {start_mm:.3f} to {end_mm:.3f} mm fails its audit: {chunk.certificate.worst_quantity} of "
+                    f"axis {chunk.certificate.worst_axis or 'path'} at {worst:.4f} times its limit at s = {chunk.certificate.worst_s_mm:.3f} mm"
+                )
+            plan, fallback = self._fallback(self._committed.stop)
+            chunk, worst = self._chunk(plan, commit_all, fallback, solved - began)
+        self._commit(chunk)
+        return chunk
+
+    def restart_after_stop(self, chunk_sequence: int) -> None:
+        """Plan on from rest where a chunk's stop ended: the machine took it because no further chunk came in time.
+
+        Chunks planned behind that stop are void; the interpolator refuses them. Where the chunk itself ended at rest, the
+        next one starts there anyway and nothing changes.
+        """
+        if chunk_sequence not in self._stops:
+            return
+        s_mm, t_s = self._stops[chunk_sequence]
+        self._committed = _Committed(s_mm, t_s, sequence=self._committed.sequence)
+        self.finished = self.toolpath.complete and s_mm >= self.toolpath.end_mm
+
+    def _target(self) -> tuple[float, float, bool] | None:
+        """Start and end of the next window, and whether all of it may be committed."""
+        start_mm, known_mm = self._committed.s_mm, self.toolpath.end_mm
+        if self.finished or known_mm <= start_mm:
+            return None
+        window_mm = self._commitment_mm + self._look_ahead_mm
+        stops = self.toolpath.exact_stops_mm()
+        stops = stops[stops > start_mm]
+        if self.toolpath.complete:
+            stops = np.append(stops, known_mm)
+        # A window that nearly reaches a stop goes all the way: no short window is left behind.
+        if len(stops) and stops[0] - start_mm <= window_mm + self._look_ahead_mm:
+            return start_mm, float(stops[0]), True
+        if known_mm - start_mm < window_mm:
+            return None
+        return start_mm, start_mm + window_mm, False
+
+    def _chunk(self, plan: WindowPlan, commit_all: bool, fallback: bool, solve_time_s: float) -> tuple[Chunk, float]:
+        """Chunk of a plan with its certificate, and the worst ratio of that."""
+        profile, began = plan.profile, time.perf_counter()
+        report = audit_profile(self.toolpath, profile, self.machine, self._committed.t_s)
+        certificate = Certificate.of(report, self.machine)
+        commit = len(profile.kind)
+        if not commit_all and not fallback:
+            limit_mm = profile.s_mm[-1] - self._look_ahead_mm
+            commit = max(1, int(np.searchsorted(profile.s_mm, limit_mm, side="right")) - 1)
+        figures = SolverFigures(
+            self._method.name, plan.variables, plan.rows, plan.iterations, solve_time_s, time.perf_counter() - began, fallback
+        )
+        s_stop_mm, s_commit_mm = float(profile.s_mm[-1]), float(profile.s_mm[commit])
+        chunk = Chunk(
+            sequence=self._committed.sequence + 1,
+            last_segment_sequence=self._last_segment,
+            last=self.toolpath.complete and s_commit_mm >= self.toolpath.end_mm,
+            s_start_mm=float(profile.s_mm[0]),
+            s_commit_mm=s_commit_mm,
+            s_stop_mm=s_stop_mm,
+            t_start_s=self._committed.t_s,
+            t_commit_s=self._committed.t_s + float(profile.times_s[commit]),
+            profile=profile,
+            certificate=certificate,
+            figures=figures,
+        )
+        return chunk, report.worst.ratio
+
+    def _commit(self, chunk: Chunk) -> None:
+        count = int(np.searchsorted(chunk.profile.s_mm, chunk.s_commit_mm))
+        stop = chunk.profile[count:] if count < len(chunk.profile.kind) else None
+        state = None if stop is None else StartState(float(stop.q_mm2_s2[0]), float(stop.dq_ds_mm_s2[0]))
+        self._committed = _Committed(chunk.s_commit_mm, chunk.t_commit_s, state, stop, chunk.sequence)
+        if stop is not None:
+            self._stops[chunk.sequence] = (chunk.s_stop_mm, chunk.t_start_s + chunk.profile.duration_s)
+        self.finished = chunk.last
+
+    @staticmethod
+    def _fallback(stop: FeedProfile) -> tuple[WindowPlan, bool]:
+        """The stop committed before is a plan that was audited: go on with it and plan again from rest."""
+        return WindowPlan(stop, 0, 0, 0), True

@@ -1,0 +1,1 @@
+"""From feed profile and toolpath to set points in time."""

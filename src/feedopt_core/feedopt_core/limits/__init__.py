@@ -1,0 +1,1 @@
+"""Axis limits along the path."""

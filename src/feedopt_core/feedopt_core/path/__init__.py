@@ -1,0 +1,1 @@
+"""Geometry by arc length: segments, arc-length maps and the toolpath they form."""

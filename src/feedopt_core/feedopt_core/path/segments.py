@@ -1,0 +1,148 @@
+"""The segments a smoothed toolpath is made of, parametrised by arc length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+
+from feedopt_core.arrays import FloatArray
+from feedopt_core.errors import ToolpathError
+from feedopt_core.path.arc_length import ArcLengthMap
+from feedopt_core.path.derivatives import PathPoints, by_arc_length
+from feedopt_core.path.nurbs import NurbsCurve
+
+
+class SegmentKind(IntEnum):
+    """Kinds of segments; the numbers are those of the message."""
+
+    LINE = 0
+    ARC = 1
+    CLOTHOID = 2
+    NURBS = 3
+
+
+@dataclass(frozen=True)
+class SegmentPlace:
+    """Where a segment stands in its program.
+
+    Attributes:
+        sequence: 1, 2, 3, ... within the program.
+        source_line: line of the program the segment starts on, from 1.
+        s_start_mm: arc length from the start of the program.
+        feed_limit_mm_s: programmed feed; infinity where only the machine's limits hold.
+        exact_stop: the machine comes to rest at the end of the segment.
+        last: no segment follows.
+    """
+
+    sequence: int
+    source_line: int
+    s_start_mm: float
+    feed_limit_mm_s: float = float("inf")
+    exact_stop: bool = False
+    last: bool = False
+
+
+@dataclass(frozen=True)
+class PlanarSegment:
+    """Line, arc or clothoid: curvature linear in arc length in one plane, plus a constant rise out of it (helix).
+
+    Attributes:
+        kind: LINE, ARC or CLOTHOID.
+        place: where the segment stands in its program.
+        length_mm: arc length.
+        start_mm: tool position at the start, shape (dimensions,).
+        tangent: unit in-plane direction at the start.
+        normal: unit vector perpendicular to it; positive curvature turns towards it.
+        rise: out-of-plane part of dr/ds.
+        curvature_start_per_mm: in-plane curvature at the start.
+        sharpness_per_mm2: its change with in-plane arc length.
+    """
+
+    kind: SegmentKind
+    place: SegmentPlace
+    length_mm: float
+    start_mm: FloatArray
+    tangent: FloatArray
+    normal: FloatArray
+    rise: FloatArray
+    curvature_start_per_mm: float
+    sharpness_per_mm2: float
+
+    def __post_init__(self) -> None:
+        values = np.concatenate([self.start_mm, self.tangent, self.normal, self.rise, [self.length_mm]])
+        if not np.all(np.isfinite([*values, self.curvature_start_per_mm, self.sharpness_per_mm2])):
+            raise ToolpathError(f"segment {self.place.sequence} holds a value that is not finite", line=self.place.source_line)
+        if self.length_mm <= 0.0:
+            raise ToolpathError(f"segment {self.place.sequence} has length {self.length_mm:g} mm", line=self.place.source_line)
+
+    @property
+    def joints_mm(self) -> FloatArray:
+        """Arc lengths from the start of the segment between which every derivative is continuous."""
+        return np.array([0.0, self.length_mm])
+
+    def evaluate(self, s_mm: FloatArray) -> PathPoints:
+        """Path at arc lengths from the start of the segment, shape (n,)."""
+        slope = float(np.sqrt(max(0.0, 1.0 - float(self.rise @ self.rise))))
+        in_plane = s_mm * slope
+        angle = in_plane * (self.curvature_start_per_mm + 0.5 * self.sharpness_per_mm2 * in_plane)
+        curvature = self.curvature_start_per_mm + self.sharpness_per_mm2 * in_plane
+        along = np.cos(angle)[:, None] * self.tangent + np.sin(angle)[:, None] * self.normal
+        across = np.cos(angle)[:, None] * self.normal - np.sin(angle)[:, None] * self.tangent
+        forward, sideways = self._displacement(in_plane)
+        return PathPoints(
+            r_mm=self.start_mm + forward[:, None] * self.tangent + sideways[:, None] * self.normal + s_mm[:, None] * self.rise,
+            dr_ds=slope * along + self.rise,
+            d2r_ds2=slope**2 * curvature[:, None] * across,
+            d3r_ds3=slope**3 * (self.sharpness_per_mm2 * across - (curvature**2)[:, None] * along),
+        )
+
+    def _displacement(self, in_plane_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """In-plane displacement (forward, sideways): integrals of cos and sin of the heading, Gauss-Legendre in panels."""
+        length = float(np.max(np.abs(in_plane_mm), initial=0.0))
+        turn = length * (abs(self.curvature_start_per_mm) + abs(self.sharpness_per_mm2) * length)
+        panels = max(1, int(np.ceil(turn)))
+        nodes, weights = np.polynomial.legendre.leggauss(12)
+        z = ((np.arange(panels)[:, None] + (nodes + 1.0) / 2.0) / panels).ravel()
+        w = np.tile(weights / (2.0 * panels), panels)
+        x = in_plane_mm[:, None] * z
+        angle = x * (self.curvature_start_per_mm + 0.5 * self.sharpness_per_mm2 * x)
+        return np.asarray(in_plane_mm * (np.cos(angle) @ w)), np.asarray(in_plane_mm * (np.sin(angle) @ w))
+
+
+@dataclass(frozen=True)
+class NurbsSegment:
+    """A NURBS curve with its arc-length map.
+
+    Attributes:
+        place: where the segment stands in its program.
+        curve: the control net.
+        arc_length_map: parameter of the curve by arc length; its ``error_mm`` states the bound.
+    """
+
+    place: SegmentPlace
+    curve: NurbsCurve
+    arc_length_map: ArcLengthMap
+    kind: SegmentKind = field(default=SegmentKind.NURBS, init=False)
+
+    @property
+    def length_mm(self) -> float:
+        """Arc length."""
+        return self.arc_length_map.length_mm
+
+    @property
+    def joints_mm(self) -> FloatArray:
+        """Arc lengths from the start of the segment between which every derivative is continuous."""
+        if len(self.curve.joints) == 2:
+            return self.arc_length_map.s_mm[[0, -1]]
+        starts = self.arc_length_map.coefficients[:, 0]
+        at_knot = np.isin(starts, self.curve.joints)
+        return np.append(self.arc_length_map.s_mm[:-1][at_knot], self.length_mm)
+
+    def evaluate(self, s_mm: FloatArray) -> PathPoints:
+        """Path at arc lengths from the start of the segment, shape (n,)."""
+        return by_arc_length(*self.curve.evaluate(self.arc_length_map.parameter(s_mm)))
+
+
+Segment = PlanarSegment | NurbsSegment

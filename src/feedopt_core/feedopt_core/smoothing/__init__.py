@@ -1,0 +1,1 @@
+"""From programmed points to smooth segments."""
