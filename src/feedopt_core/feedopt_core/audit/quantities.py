@@ -8,7 +8,7 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.audit.report import AuditRow
-from feedopt_core.config.machine import Machine
+from feedopt_core.config.machine import DriveModel, Machine, TrackingModel
 
 
 @dataclass(frozen=True)
@@ -25,25 +25,21 @@ class AxisMotion:
     t_s: FloatArray
 
 
-def drive_response(machine: Machine, motion: AxisMotion) -> tuple[FloatArray, FloatArray] | None:
-    """Control signal (V) and tracking error (mm) by the machine file's drive model, shape (n_axes, n); None without one."""
-    drive = machine.drive
-    if drive is None:
-        return None
-    m, b, c, d, kv, ka, kj = (
-        np.array(values)[:, None]
-        for values in (
-            drive.inertia_volts_s2_mm,
-            drive.viscous_volts_s_mm,
-            drive.offset_volts,
-            drive.coulomb_volts,
-            drive.tracking_kv_s,
-            drive.tracking_ka_s2,
-            drive.tracking_kj_s3,
-        )
-    )
+def control_signal(drive: DriveModel, motion: AxisMotion) -> FloatArray:
+    """Control signal by the drive model, shape (n_axes, n), V."""
+    v, a = motion.velocity_mm_s, motion.acceleration_mm_s2
+    coulomb = _column(drive.coulomb_volts) * np.sign(v)
+    return _column(drive.inertia_volts_s2_mm) * a + _column(drive.viscous_volts_s_mm) * v + _column(drive.offset_volts) + coulomb
+
+
+def tracking_error(tracking: TrackingModel, motion: AxisMotion) -> FloatArray:
+    """Quasi-static tracking error by the tracking model, shape (n_axes, n), mm."""
     v, a, j = motion.velocity_mm_s, motion.acceleration_mm_s2, motion.jerk_mm_s3
-    return m * a + b * v + c + d * np.sign(v), kv * v + ka * a + kj * j
+    return _column(tracking.tracking_kv_s) * v + _column(tracking.tracking_ka_s2) * a + _column(tracking.tracking_kj_s3) * j
+
+
+def _column(values: tuple[float, ...]) -> FloatArray:
+    return np.array(values)[:, None]
 
 
 def worst_rows(
@@ -60,12 +56,13 @@ def worst_rows(
 
 
 def motion_rows(grid: str, machine: Machine, motion: AxisMotion) -> list[AuditRow]:
-    """Rows of velocity, acceleration, jerk and, with a drive model, control signal and tracking error."""
+    """Rows of velocity, acceleration, jerk and, where the machine has the models, control signal and tracking error."""
     rows = worst_rows(grid, machine, "velocity", motion.velocity_mm_s, machine.velocity_limit_mm_s, motion)
     rows += worst_rows(grid, machine, "acceleration", motion.acceleration_mm_s2, machine.acceleration_limit_mm_s2, motion)
     rows += worst_rows(grid, machine, "jerk", motion.jerk_mm_s3, machine.jerk_limit_mm_s3, motion)
-    response = drive_response(machine, motion)
-    if response is not None and machine.control_limit_volts is not None and machine.tracking_error_limit_mm is not None:
-        rows += worst_rows(grid, machine, "control", response[0], machine.control_limit_volts, motion)
-        rows += worst_rows(grid, machine, "tracking_error", response[1], machine.tracking_error_limit_mm, motion)
+    if machine.drive is not None and machine.control_limit_volts is not None:
+        rows += worst_rows(grid, machine, "control", control_signal(machine.drive, motion), machine.control_limit_volts, motion)
+    if machine.tracking is not None and machine.tracking_error_limit_mm is not None:
+        error_mm = tracking_error(machine.tracking, motion)
+        rows += worst_rows(grid, machine, "tracking_error", error_mm, machine.tracking_error_limit_mm, motion)
     return rows

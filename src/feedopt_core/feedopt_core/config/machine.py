@@ -18,21 +18,25 @@ from feedopt_core.errors import ConfigError
 COORDINATES = ("x", "y", "z")
 _ROOT = "/**"
 _LIMITS = ("velocity_limit_mm_s", "acceleration_limit_mm_s2", "jerk_limit_mm_s3")
-_DRIVE_LIMITS = ("control_limit_volts", "tracking_error_limit_mm")
 
 
 @dataclass(frozen=True)
 class DriveModel:
-    """Identified drive model, one entry an axis (thesis section 3.6.1).
+    """Identified control signal ``u = inertia a + viscous v + offset + coulomb sign(v)``, V (thesis section 3.6.1).
 
-    Control signal ``u = inertia a + viscous v + offset + coulomb sign(v)`` in V; quasi-static tracking error
-    ``e = kv v + ka a + kj j`` in mm; ``v, a, j`` are the axis' own velocity, acceleration and jerk.
+    One entry an axis; ``v, a`` are the axis' own velocity and acceleration.
     """
 
     inertia_volts_s2_mm: tuple[float, ...]
     viscous_volts_s_mm: tuple[float, ...]
     offset_volts: tuple[float, ...]
     coulomb_volts: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class TrackingModel:
+    """Identified quasi-static tracking error ``e = kv v + ka a + kj j``, mm (thesis section 3.6.1), one entry an axis."""
+
     tracking_kv_s: tuple[float, ...]
     tracking_ka_s2: tuple[float, ...]
     tracking_kj_s3: tuple[float, ...]
@@ -42,7 +46,8 @@ class DriveModel:
 class Machine:
     """Axes and limits of a machine; every tuple has one entry an axis.
 
-    ``control_limit_volts``, ``tracking_error_limit_mm`` and ``drive`` are None where the file gives no drive model.
+    ``control_limit_volts`` comes with ``drive`` and ``tracking_error_limit_mm`` with ``tracking``; both are None where the
+    file gives no such model.
     """
 
     name: str
@@ -54,8 +59,9 @@ class Machine:
     acceleration_limit_mm_s2: tuple[float, ...]
     jerk_limit_mm_s3: tuple[float, ...]
     control_limit_volts: tuple[float, ...] | None = None
-    tracking_error_limit_mm: tuple[float, ...] | None = None
     drive: DriveModel | None = None
+    tracking_error_limit_mm: tuple[float, ...] | None = None
+    tracking: TrackingModel | None = None
 
     @property
     def dimensions(self) -> int:
@@ -103,6 +109,10 @@ def parse_machine(text: str, source: str) -> Machine:
     return _MachineSection(section, source).machine(text)
 
 
+def _model_keys(model: type[DriveModel] | type[TrackingModel]) -> list[str]:
+    return [field.name for field in fields(model)]
+
+
 class _MachineSection:
     """The section of a machine file while it is being checked."""
 
@@ -111,23 +121,28 @@ class _MachineSection:
         self.source = source
 
     def machine(self, text: str) -> Machine:
-        drive_keys = [field.name for field in fields(DriveModel)]
-        known = {"name", "source", "axis_names", "coordinate", "feed_limit_mm_s", *_LIMITS, *_DRIVE_LIMITS, *drive_keys}
+        drive_keys, tracking_keys = _model_keys(DriveModel), _model_keys(TrackingModel)
+        drive_limit, tracking_limit = "control_limit_volts", "tracking_error_limit_mm"
+        known = {"name", "source", "axis_names", "coordinate", "feed_limit_mm_s", *_LIMITS}
+        known |= {drive_limit, *drive_keys, tracking_limit, *tracking_keys}
         for key in self.section:
             if key not in known:
                 raise ConfigError(f"{self.source}: unknown key {key}; known are {', '.join(sorted(known))}")
-        axis_names = self._axis_names()
-        has_drive = any(key in self.section for key in (*drive_keys, *_DRIVE_LIMITS))
-        drive = DriveModel(**{key: self._row(key, axis_names, signed=key == "offset_volts") for key in drive_keys}) if has_drive else None
+        names = self._axis_names()
+        # A model is given as a whole, with its limit, or not at all.
+        has_drive = any(key in self.section for key in (drive_limit, *drive_keys))
+        has_tracking = any(key in self.section for key in (tracking_limit, *tracking_keys))
         return Machine(
             name=str(self._value("name")),
             yaml_text=text,
-            axis_names=axis_names,
-            coordinate=self._coordinate(axis_names),
+            axis_names=names,
+            coordinate=self._coordinate(names),
             feed_limit_mm_s=self._positive("feed_limit_mm_s", self._value("feed_limit_mm_s")),
-            **{key: self._row(key, axis_names, positive=True) for key in _LIMITS},
-            **{key: self._row(key, axis_names, positive=True) if has_drive else None for key in _DRIVE_LIMITS},
-            drive=drive,
+            **{key: self._row(key, names, positive=True) for key in _LIMITS},
+            control_limit_volts=self._row(drive_limit, names, positive=True) if has_drive else None,
+            drive=DriveModel(**{key: self._row(key, names, signed=key == "offset_volts") for key in drive_keys}) if has_drive else None,
+            tracking_error_limit_mm=self._row(tracking_limit, names, positive=True) if has_tracking else None,
+            tracking=TrackingModel(**{key: self._row(key, names, signed=True) for key in tracking_keys}) if has_tracking else None,
         )
 
     def _value(self, key: str) -> Any:

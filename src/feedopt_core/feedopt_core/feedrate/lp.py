@@ -26,7 +26,7 @@ from feedopt_core.solvers.banded_interior_point import FixedStart, RestEnd, Time
 _POINTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 _BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90.0
 _CHECK_POINTS = np.linspace(0.0, 1.0, 13)
-_MARGIN = 2e-4
+_MARGIN = 3e-4
 _RELAXED_MM = 20.0
 _REPAIRS = 4
 
@@ -43,7 +43,7 @@ class KinematicMethod:
 
     limits: KinematicLimits
     knot_spacing_mm: float
-    allowed_ratio: float = 1.0
+    allowed_ratio: float = 1.0001
     name: str = "lp"
 
     def plan(self, toolpath: Toolpath, window: Window) -> WindowPlan:
@@ -150,7 +150,7 @@ class _WindowSolve:
                 edge = knots[0] if rest is start else knots[-1]
                 p = rest.outer_limit / abs(edge - at_mm) ** (4.0 / 3.0)
                 ceiling = np.minimum(ceiling, p * np.abs(s - at_mm) ** (4.0 / 3.0))
-        low = 0.05 * ceiling
+        low = 0.3 * ceiling
         if self.window.guess is not None:
             before = self.window.guess
             inside = (s >= before.s_mm[0]) & (s <= before.s_mm[-1])
@@ -158,7 +158,7 @@ class _WindowSolve:
             warm[inside] = np.maximum(warm[inside], 0.95 * before.q_at(s[inside])[0])
             yield warm
         yield low
-        yield 0.3 * ceiling
+        yield 0.02 * ceiling
 
     def profile(self, control_points: FloatArray) -> FeedProfile:
         q, slope, bend = self.spline.start_of_spans(control_points)

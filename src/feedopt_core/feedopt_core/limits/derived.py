@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from feedopt_core.config.machine import Machine
+from feedopt_core.config.machine import DriveModel, Machine, TrackingModel
 from feedopt_core.errors import InfeasibleLimitsError
 from feedopt_core.limits.axis_limits import KinematicLimits
 
 _LEAST_ACCELERATION_SHARE = 0.2
 """Share of the control signal or tracking error that velocity must leave to acceleration; beyond it velocity gives way."""
+_LEAST_JERK_SHARE = 0.1
+"""Share of the tracking error that velocity and acceleration must leave to jerk."""
 
 
 def derived_limits(machine: Machine) -> KinematicLimits:
@@ -22,31 +22,37 @@ def derived_limits(machine: Machine) -> KinematicLimits:
         InfeasibleLimitsError: friction alone needs the whole control signal.
     """
     limits = KinematicLimits.of(machine)
-    drive, control, error = machine.drive, machine.control_limit_volts, machine.tracking_error_limit_mm
-    if drive is None or control is None or error is None:
-        return limits
     v, a, j = limits.velocity_mm_s.copy(), limits.acceleration_mm_s2.copy(), limits.jerk_mm_s3.copy()
     for i, name in enumerate(machine.axis_names):
-        free = control[i] - abs(drive.offset_volts[i]) - drive.coulomb_volts[i]
-        if free <= 0.0:
-            raise InfeasibleLimitsError(
-                f"axis {name}: friction and offset need {control[i] - free:g} V of the {control[i]:g} V allowed; raise control_limit_volts",
-                quantity="control",
-                axis=name,
-                s_mm=0.0,
-                margin=(control[i] - free) / control[i],
-            )
-        v[i], a[i] = _shared(free, drive.viscous_volts_s_mm[i], drive.inertia_volts_s2_mm[i], v[i], a[i])
-        v[i], a[i] = _shared(error[i], drive.tracking_kv_s[i], drive.tracking_ka_s2[i], v[i], a[i])
-        left = error[i] - drive.tracking_kv_s[i] * v[i] - drive.tracking_ka_s2[i] * a[i]
-        if drive.tracking_kj_s3[i] * j[i] > left:
-            # Where velocity and acceleration use it all, they make room for a jerk that can still build them up.
-            shrink = (1.0 - _LEAST_ACCELERATION_SHARE) * error[i] / (error[i] - left)
-            if left < _LEAST_ACCELERATION_SHARE * 0.5 * error[i] and shrink < 1.0:
-                v[i], a[i] = v[i] * shrink, a[i] * shrink
-                left = error[i] - drive.tracking_kv_s[i] * v[i] - drive.tracking_ka_s2[i] * a[i]
-            j[i] = min(j[i], left / drive.tracking_kj_s3[i])
+        if machine.drive is not None and machine.control_limit_volts is not None:
+            v[i], a[i] = _within_control(machine.drive, machine.control_limit_volts[i], i, name, v[i], a[i])
+        if machine.tracking is not None and machine.tracking_error_limit_mm is not None:
+            v[i], a[i], j[i] = _within_tracking(machine.tracking, machine.tracking_error_limit_mm[i], i, v[i], a[i], j[i])
     return KinematicLimits(limits.axis_matrix, limits.feed_mm_s, v, a, j)
+
+
+def _within_control(drive: DriveModel, limit_volts: float, axis: int, name: str, v: float, a: float) -> tuple[float, float]:
+    friction = abs(drive.offset_volts[axis]) + drive.coulomb_volts[axis]
+    if friction >= limit_volts:
+        raise InfeasibleLimitsError(
+            f"axis {name}: friction and offset need {friction:g} V of the {limit_volts:g} V allowed; raise control_limit_volts",
+            quantity="control",
+            axis=name,
+            s_mm=0.0,
+            margin=friction / limit_volts,
+        )
+    return _shared(limit_volts - friction, drive.viscous_volts_s_mm[axis], drive.inertia_volts_s2_mm[axis], v, a)
+
+
+def _within_tracking(
+    tracking: TrackingModel, limit_mm: float, axis: int, v: float, a: float, j: float
+) -> tuple[float, float, float]:
+    per_v, per_a, per_j = (abs(row[axis]) for row in (tracking.tracking_kv_s, tracking.tracking_ka_s2, tracking.tracking_kj_s3))
+    # A share of the error stays for the jerk, where it needs one: without jerk no acceleration can be built up.
+    for_jerk = min(per_j * j, _LEAST_JERK_SHARE * limit_mm)
+    v, a = _shared(limit_mm - for_jerk, per_v, per_a, v, a)
+    left_mm = limit_mm - per_v * v - per_a * a
+    return v, a, min(j, left_mm / per_j) if per_j > 0.0 else j
 
 
 def _shared(budget: float, per_velocity: float, per_acceleration: float, v: float, a: float) -> tuple[float, float]:
@@ -57,5 +63,5 @@ def _shared(budget: float, per_velocity: float, per_acceleration: float, v: floa
     if per_velocity * v > most_velocity:
         v = most_velocity / per_velocity
     if per_acceleration > 0.0:
-        a = float(np.minimum(a, (budget - per_velocity * v) / per_acceleration))
+        a = min(a, (budget - per_velocity * v) / per_acceleration)
     return v, a

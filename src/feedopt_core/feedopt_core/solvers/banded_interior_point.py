@@ -25,6 +25,10 @@ from feedopt_core.errors import SolverError
 
 _STEP_TO_BOUNDARY = 0.995
 _Q_STEP_TO_ZERO = 0.9
+_FIRST_BARRIER = 0.1
+"""Duality gap of the first iterate, as a part of its motion time."""
+_CENTRALITY = 0.1
+"""Least duality gap to aim at, as a part of the dual residual: a gap far below it makes the steps short."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +194,7 @@ class _InteriorPoint:
         slack = np.maximum(1.0 - local_products(self.rows, c), 1e-2)
         end_slack = np.maximum(1.0 - self.ends.inverse_limits * c[self.ends.outer], 1e-2)
         self.size = slack.size + end_slack.size
-        barrier = self._time(c)[0] / self.size
+        barrier = _FIRST_BARRIER * self._time(c)[0] / self.size
         self.at = _Iterate(c, slack, barrier / slack, end_slack, barrier / end_slack)
 
     def _time(self, c: FloatArray) -> tuple[float, FloatArray]:
@@ -215,7 +219,8 @@ class _InteriorPoint:
                 return TimeSolution(at.c, iteration, self.size)
             if not np.isfinite(gap):
                 break
-            self._step(gradient, 0.75 * weighted / q**2, q, residual, end_residual)
+            least = _CENTRALITY * dual * time / self.size
+            self._step(gradient, 0.75 * weighted / q**2, q, residual, end_residual, least)
         raise SolverError(
             f"no convergence in {max_iterations} iterations over {len(self.at.c)} control points: "
             f"gap {gap:.1e}, dual residual {dual:.1e}, limits exceeded by {violation:.1e}"
@@ -237,7 +242,13 @@ class _InteriorPoint:
         return self.ends.restrict_band(band)
 
     def _step(
-        self, gradient: FloatArray, curvature: FloatArray, q: FloatArray, residual: FloatArray, end_residual: FloatArray
+        self,
+        gradient: FloatArray,
+        curvature: FloatArray,
+        q: FloatArray,
+        residual: FloatArray,
+        end_residual: FloatArray,
+        least_complement: float,
     ) -> None:
         at = self.at
         try:
@@ -263,7 +274,7 @@ class _InteriorPoint:
         predictor = direction(at.slack * at.dual, at.end_slack * at.end_dual)
         primal, dual = self._lengths(predictor, 1.0)
         reached = _moved(at, predictor, primal, dual).gap() / self.size
-        target = mean * (reached / mean) ** 3
+        target = max(mean * (reached / mean) ** 3, least_complement)
         corrector = direction(
             at.slack * at.dual + predictor.slack * predictor.dual - target,
             at.end_slack * at.end_dual + predictor.end_slack * predictor.end_dual - target,
