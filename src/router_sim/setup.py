@@ -1,0 +1,25 @@
+from setuptools import find_packages, setup
+
+PACKAGE = "router_sim"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="A simulated router",
+    maintainer="feedopt maintainers",
+    maintainer_email="maintainers@example.org",
+    license="Apache-2.0",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={"": ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "router_sim_node = router_sim.router_sim_node:main",
+        ],
+    },
+)
