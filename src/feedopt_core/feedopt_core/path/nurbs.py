@@ -89,18 +89,3 @@ def _project(h: FloatArray, h_u: FloatArray, h_uu: FloatArray, h_uuu: FloatArray
     r_uu = (h_uu[:, :-1] - 2.0 * w_u * r_u - w_uu * r) / w
     r_uuu = (h_uuu[:, :-1] - 3.0 * w_u * r_uu - 3.0 * w_uu * r_u - w_uuu * r) / w
     return r, r_u, r_uu, r_uuu
-
-
-def bezier_knots(degree: int) -> FloatArray:
-    """Knots of a single Bezier piece on [0, 1]."""
-    return np.concatenate([np.zeros(degree + 1), np.ones(degree + 1)])
-
-
-def bezier_from_power(coefficients_mm: FloatArray, length: float) -> FloatArray:
-    """Control points of the polynomial ``sum_k c_k x^k`` on [0, length], shape (degree + 1, dimensions)."""
-    degree = len(coefficients_mm) - 1
-    points = np.zeros_like(coefficients_mm)
-    for i in range(degree + 1):
-        for k in range(i + 1):
-            points[i] += math.comb(i, k) / math.comb(degree, k) * coefficients_mm[k] * length**k
-    return points

@@ -1,24 +1,24 @@
-"""C2 cubic spline through points over chord length, as NURBS segments with arc-length maps."""
+"""C2 cubic spline through points over chord length, as NURBS segments of several intervals with arc-length maps."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.path.arc_length import ArcLengthMap, map_arc_length
-from feedopt_core.path.nurbs import NurbsCurve, bezier_from_power, bezier_knots
+from feedopt_core.path.nurbs import NurbsCurve
 from feedopt_core.path.segments import NurbsSegment, SegmentPlace
 
 _CLOSED_MM = 1e-9
-_BLOCK = 64
+_INTERVALS = 8
+"""Intervals a segment: fewer and longer segments cost less to send and to evaluate, shorter ones arrive earlier."""
 
 
 def interpolate_points(points_mm: FloatArray, source_lines: list[int]) -> Iterator[NurbsSegment]:
-    """Segments of the C2 cubic spline through the points, one an interval.
+    """Segments of the C2 cubic spline through the points, a few intervals each.
 
     The spline is periodic where the last point repeats the first; else it is not-a-knot at the ends (natural for two
     points, which is the straight line).
@@ -35,24 +35,28 @@ def interpolate_points(points_mm: FloatArray, source_lines: list[int]) -> Iterat
     spline = CubicSpline(chords, points_mm, bc_type="periodic" if closed else "not-a-knot")
     count = len(points_mm) - 1
     s_start_mm = 0.0
-    for first in range(0, count, _BLOCK):
-        block = range(first, min(first + _BLOCK, count))
-        for index, arc_length_map in zip(block, _maps(spline, chords[first : block.stop + 1]), strict=True):
-            control = bezier_from_power(spline.c[::-1, index], float(chords[index + 1] - chords[index]))
-            place = SegmentPlace(index + 1, source_lines[index], s_start_mm, last=index == count - 1)
-            curve = NurbsCurve.from_control_net(3, bezier_knots(3), control, np.ones(4))
-            yield NurbsSegment(place, curve, arc_length_map)
-            s_start_mm += arc_length_map.length_mm
+    for sequence, first in enumerate(range(0, count, _INTERVALS), start=1):
+        stop = min(first + _INTERVALS, count)
+        curve, arc_length_map = _piece(spline, first, stop)
+        place = SegmentPlace(sequence, source_lines[first], s_start_mm, last=stop == count)
+        yield NurbsSegment(place, curve, arc_length_map)
+        s_start_mm += arc_length_map.length_mm
 
 
-def _maps(spline: CubicSpline, chords: FloatArray) -> Iterator[ArcLengthMap]:
-    """Arc-length map of each interval to its Bezier parameter in [0, 1]; one quadrature for the whole block."""
-    derivatives = [spline.derivative(order) for order in (1, 2, 3)]
-    whole = map_arc_length(lambda u: (spline(u), *(derivative(u) for derivative in derivatives)), chords)
-    starts = np.searchsorted(whole.coefficients[:, 0], chords[:-1])
-    for k, (start, stop) in enumerate(pairwise([*starts, len(whole.coefficients)])):
-        coefficients = whole.coefficients[start:stop].copy()
-        coefficients[:, 0] -= chords[k]
-        coefficients /= chords[k + 1] - chords[k]
-        s_mm = whole.s_mm[start : stop + 1]
-        yield ArcLengthMap(s_mm - s_mm[0], coefficients, whole.error_mm)
+def _piece(spline: CubicSpline, first: int, stop: int) -> tuple[NurbsCurve, ArcLengthMap]:
+    """Intervals first to stop of the spline as one clamped cubic B-spline over chord length, from 0."""
+    joints = spline.x[first : stop + 1] - spline.x[first]
+    knots = np.concatenate([np.zeros(3), joints, np.full(3, joints[-1])])
+    # Control point i is the blossom of any polynomial in its support at the three knots behind knot i.
+    index = np.arange(len(joints) + 2)
+    owner = np.clip(index - 2, 0, stop - first - 1)
+    a3, a2, a1, a0 = spline.c[:, first + owner]
+    p, q, r = (knots[index + offset] - joints[owner] for offset in (1, 2, 3))
+    control_mm = (
+        a0
+        + a1 * ((p + q + r) / 3.0)[:, None]
+        + a2 * ((p * q + p * r + q * r) / 3.0)[:, None]
+        + a3 * (p * q * r)[:, None]
+    )
+    curve = NurbsCurve.from_control_net(3, knots, control_mm, np.ones(len(control_mm)))
+    return curve, map_arc_length(curve.evaluate, curve.joints)
