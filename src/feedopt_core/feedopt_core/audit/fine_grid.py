@@ -47,5 +47,12 @@ def _feedrate_row(toolpath: Toolpath, machine: Machine, v_mm_s: FloatArray, moti
     ratios = v_mm_s / limits
     at = int(np.argmax(ratios))
     return AuditRow(
-        GRID, "", "feedrate", float(v_mm_s[at]), float(limits[at]), float(ratios[at]), float(motion.s_mm[at]), float(motion.t_s[at])
+        GRID,
+        "",
+        "feedrate",
+        float(v_mm_s[at]),
+        float(limits[at]),
+        float(ratios[at]),
+        float(motion.s_mm[at]),
+        float(motion.t_s[at]),
     )

@@ -29,13 +29,22 @@ def control_signal(drive: DriveModel, motion: AxisMotion) -> FloatArray:
     """Control signal by the drive model, shape (n_axes, n), V."""
     v, a = motion.velocity_mm_s, motion.acceleration_mm_s2
     coulomb = _column(drive.coulomb_volts) * np.sign(v)
-    return _column(drive.inertia_volts_s2_mm) * a + _column(drive.viscous_volts_s_mm) * v + _column(drive.offset_volts) + coulomb
+    return (
+        _column(drive.inertia_volts_s2_mm) * a
+        + _column(drive.viscous_volts_s_mm) * v
+        + _column(drive.offset_volts)
+        + coulomb
+    )
 
 
 def tracking_error(tracking: TrackingModel, motion: AxisMotion) -> FloatArray:
     """Quasi-static tracking error by the tracking model, shape (n_axes, n), mm."""
     v, a, j = motion.velocity_mm_s, motion.acceleration_mm_s2, motion.jerk_mm_s3
-    return _column(tracking.tracking_kv_s) * v + _column(tracking.tracking_ka_s2) * a + _column(tracking.tracking_kj_s3) * j
+    return (
+        _column(tracking.tracking_kv_s) * v
+        + _column(tracking.tracking_ka_s2) * a
+        + _column(tracking.tracking_kj_s3) * j
+    )
 
 
 def _column(values: tuple[float, ...]) -> FloatArray:
@@ -51,17 +60,23 @@ def worst_rows(
         # argmax finds a NaN first, so it cannot hide.
         at = int(np.argmax(row))
         value = float(row[at])
-        rows.append(AuditRow(grid, name, quantity, value, limit, value / limit, float(motion.s_mm[at]), float(motion.t_s[at])))
+        rows.append(
+            AuditRow(grid, name, quantity, value, limit, value / limit, float(motion.s_mm[at]), float(motion.t_s[at]))
+        )
     return rows
 
 
 def motion_rows(grid: str, machine: Machine, motion: AxisMotion) -> list[AuditRow]:
     """Rows of velocity, acceleration, jerk and, where the machine has the models, control signal and tracking error."""
     rows = worst_rows(grid, machine, "velocity", motion.velocity_mm_s, machine.velocity_limit_mm_s, motion)
-    rows += worst_rows(grid, machine, "acceleration", motion.acceleration_mm_s2, machine.acceleration_limit_mm_s2, motion)
+    rows += worst_rows(
+        grid, machine, "acceleration", motion.acceleration_mm_s2, machine.acceleration_limit_mm_s2, motion
+    )
     rows += worst_rows(grid, machine, "jerk", motion.jerk_mm_s3, machine.jerk_limit_mm_s3, motion)
     if machine.drive is not None and machine.control_limit_volts is not None:
-        rows += worst_rows(grid, machine, "control", control_signal(machine.drive, motion), machine.control_limit_volts, motion)
+        rows += worst_rows(
+            grid, machine, "control", control_signal(machine.drive, motion), machine.control_limit_volts, motion
+        )
     if machine.tracking is not None and machine.tracking_error_limit_mm is not None:
         error_mm = tracking_error(machine.tracking, motion)
         rows += worst_rows(grid, machine, "tracking_error", error_mm, machine.tracking_error_limit_mm, motion)

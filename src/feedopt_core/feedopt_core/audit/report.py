@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
 ALLOWED_RATIO = 1.001
-"""Largest ratio that passes. The optimisation itself keeps a margin below 1; this leaves room for rounding in 1 kHz differences."""
+"""Largest ratio that passes. The optimisation keeps a margin below 1; this is room for rounding in differences."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """Audit of set points by finite differences, rest before and after included: what the drives are really asked for.
 
-Differences of order n over the period h are averages of the n-th derivative over n periods, so where the motion obeys its
-limits at every instant, and at rest, the differences do too; a limit broken between two set points shows on the fine grid.
+Differences of order n over the period h are averages of the n-th derivative over n periods, so where the motion obeys
+its limits at every instant, and at rest, the differences do too; a limit broken between two set points shows on the
+fine grid.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ GRID = "1 kHz"
 _REST = 3
 
 
-def audit_setpoints(position_mm: FloatArray, s_mm: FloatArray, period_s: float, machine: Machine, t_start_s: float = 0.0) -> AuditReport:
+def audit_setpoints(
+    position_mm: FloatArray, s_mm: FloatArray, period_s: float, machine: Machine, t_start_s: float = 0.0
+) -> AuditReport:
     """Worst ratios of equidistant set points that start and end at rest.
 
     Args:
@@ -29,7 +32,7 @@ def audit_setpoints(position_mm: FloatArray, s_mm: FloatArray, period_s: float, 
     """
     x = np.pad(position_mm, ((_REST, _REST), (0, 0)), mode="edge").T
     s = np.pad(s_mm, _REST, mode="edge")
-    t = t_start_s + period_s * (np.arange(x.shape[1]) - _REST)
+    t = np.asarray(t_start_s + period_s * (np.arange(x.shape[1]) - _REST), dtype=np.float64)
     # Largest differences, each at its own instants: nothing is smoothed away.
     velocity = np.diff(x, axis=1) / period_s
     jerk = np.diff(x, n=3, axis=1) / period_s**3

@@ -15,7 +15,8 @@ PACKAGE = "feedopt_config"
 def config_directory() -> Path:
     """Folder with ``graph.yaml``, ``machines/``, ``nodes/`` and ``programs/``.
 
-    The installed package ``feedopt_config`` comes first; without it, ``config/`` of the source tree this file stands in.
+    The installed package ``feedopt_config`` comes first; without it, ``config/`` of the source tree this file stands
+    in.
 
     Raises:
         ConfigError: neither is there.

@@ -35,7 +35,7 @@ class DriveModel:
 
 @dataclass(frozen=True)
 class TrackingModel:
-    """Identified quasi-static tracking error ``e = kv v + ka a + kj j``, mm (thesis section 3.6.1), one entry an axis."""
+    """Identified quasi-static tracking error ``e = kv v + ka a + kj j``, mm (thesis section 3.6.1)."""
 
     tracking_kv_s: tuple[float, ...]
     tracking_ka_s2: tuple[float, ...]
@@ -46,8 +46,8 @@ class TrackingModel:
 class Machine:
     """Axes and limits of a machine; every tuple has one entry an axis.
 
-    ``control_limit_volts`` comes with ``drive`` and ``tracking_error_limit_mm`` with ``tracking``; both are None where the
-    file gives no such model.
+    ``control_limit_volts`` comes with ``drive`` and ``tracking_error_limit_mm`` with ``tracking``; both are None where
+    the file gives no such model.
     """
 
     name: str
@@ -140,9 +140,13 @@ class _MachineSection:
             feed_limit_mm_s=self._positive("feed_limit_mm_s", self._value("feed_limit_mm_s")),
             **{key: self._row(key, names, positive=True) for key in _LIMITS},
             control_limit_volts=self._row(drive_limit, names, positive=True) if has_drive else None,
-            drive=DriveModel(**{key: self._row(key, names, signed=key == "offset_volts") for key in drive_keys}) if has_drive else None,
+            drive=DriveModel(**{key: self._row(key, names, signed=key == "offset_volts") for key in drive_keys})
+            if has_drive
+            else None,
             tracking_error_limit_mm=self._row(tracking_limit, names, positive=True) if has_tracking else None,
-            tracking=TrackingModel(**{key: self._row(key, names, signed=True) for key in tracking_keys}) if has_tracking else None,
+            tracking=TrackingModel(**{key: self._row(key, names, signed=True) for key in tracking_keys})
+            if has_tracking
+            else None,
         )
 
     def _value(self, key: str) -> Any:
@@ -171,10 +175,14 @@ class _MachineSection:
             raise ConfigError(f"{self.source}: no axis follows coordinate {missing[0]}")
         return indices
 
-    def _row(self, key: str, axis_names: tuple[str, ...], *, positive: bool = False, signed: bool = False) -> tuple[float, ...]:
+    def _row(
+        self, key: str, axis_names: tuple[str, ...], *, positive: bool = False, signed: bool = False
+    ) -> tuple[float, ...]:
         values = self._value(key)
         if not isinstance(values, list) or len(values) != len(axis_names):
-            raise ConfigError(f"{self.source}: {key} needs {len(axis_names)} values, one for each of {', '.join(axis_names)}")
+            raise ConfigError(
+                f"{self.source}: {key} needs {len(axis_names)} values, one for each of {', '.join(axis_names)}"
+            )
         row = []
         for name, value in zip(axis_names, values, strict=True):
             number = self._number(f"{key} of axis {name}", value)

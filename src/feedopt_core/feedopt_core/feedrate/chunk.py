@@ -8,8 +8,6 @@ from feedopt_core.audit.report import AuditReport, AuditRow
 from feedopt_core.config.machine import Machine
 from feedopt_core.feedrate.profile import FeedProfile
 
-QUANTITIES = ("velocity", "acceleration", "jerk", "control", "tracking_error")
-
 
 @dataclass(frozen=True)
 class Certificate:
@@ -32,11 +30,22 @@ class Certificate:
     def of(cls, report: AuditReport, machine: Machine) -> Certificate:
         """Extremes of a fine-grid report."""
         found: dict[tuple[str, str], AuditRow] = {(row.quantity, row.axis): row for row in report.rows}
-        extremes = [
-            tuple(found[quantity, axis].value for axis in machine.axis_names if (quantity, axis) in found) for quantity in QUANTITIES
-        ]
+
+        def extremes(quantity: str) -> tuple[float, ...]:
+            return tuple(found[quantity, axis].value for axis in machine.axis_names if (quantity, axis) in found)
+
         worst = report.worst
-        return cls(*extremes, worst.ratio, worst.quantity, worst.axis, worst.s_mm)
+        return cls(
+            max_velocity_mm_s=extremes("velocity"),
+            max_acceleration_mm_s2=extremes("acceleration"),
+            max_jerk_mm_s3=extremes("jerk"),
+            max_control_volts=extremes("control"),
+            max_tracking_error_mm=extremes("tracking_error"),
+            worst_ratio=worst.ratio,
+            worst_quantity=worst.quantity,
+            worst_axis=worst.axis,
+            worst_s_mm=worst.s_mm,
+        )
 
 
 @dataclass(frozen=True)

@@ -55,13 +55,15 @@ class KinematicMethod:
             control_points, count, rows = solve.minimum_time()
             iterations += count
             profile = solve.profile(control_points)
-            excess = limit_ratios(toolpath, self.limits, profile[solve.spline_elements], _CHECK_POINTS) / self.allowed_ratio
+            excess = (
+                limit_ratios(toolpath, self.limits, profile[solve.spline_elements], _CHECK_POINTS) / self.allowed_ratio
+            )
             worst = float(np.max(excess, initial=0.0))
             if worst <= 1.0:
                 return WindowPlan(profile, len(control_points), rows, iterations)
             solve.tighten(excess)
         raise SolverError(
-            f"window {window.start_mm:.3f} to {window.end_mm:.3f} mm: limits are exceeded {worst:.5f} times between the knots "
+            f"window {window.start_mm:.3f} to {window.end_mm:.3f} mm: {worst:.5f} times a limit between the knots "
             f"after {_REPAIRS} repairs; use a smaller knot spacing than {self.knot_spacing_mm:g} mm"
         )
 
@@ -96,7 +98,7 @@ class _WindowSolve:
         return np.asarray(1.0 - _MARGIN * ramp)
 
     def tighten(self, excess: FloatArray) -> None:
-        """Lower the limits where they were exceeded between the points, a little more than by the excess; shape (m,)."""
+        """Lower the limits where they were exceeded between the points, by a little more than that; shape (m,)."""
         spread = excess.copy()
         spread[1:] = np.maximum(spread[1:], excess[:-1])
         spread[:-1] = np.maximum(spread[:-1], excess[1:])
@@ -141,7 +143,7 @@ class _WindowSolve:
         return RestEnd(ratio=1.0 + 2.0 / 3.0 * span_mm / width_mm, outer_limit=p * float(np.cbrt(width_mm)) ** 4)
 
     def _guesses(self, rows: LimitRows, start: FixedStart | RestEnd, end: RestEnd) -> Iterator[FloatArray]:
-        """Starting points: below every limit that is known beforehand; with the stop committed before, where there is one."""
+        """Starting points below every limit known beforehand; first from the stop committed before, if there is one."""
         knots = self.spline.knots_mm
         s = np.concatenate([knots[:1], (knots[:-1] + knots[1:]) / 2.0, knots[-1:]])
         ceiling = np.concatenate([rows.q_limit[0, :1], np.min(rows.q_limit, axis=0), rows.q_limit[-1, -1:]])
@@ -189,4 +191,4 @@ class _WindowSolve:
 
 def _rest_jerk(q_mm2_s2: float, width_mm: float) -> float:
     """Jerk of the element at rest that reaches q over its width, mm/s^3."""
-    return 2.0 / 9.0 * q_mm2_s2**1.5 / width_mm**2
+    return float(2.0 / 9.0 * q_mm2_s2**1.5 / width_mm**2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,7 +14,13 @@ GROWTH = 1.25
 
 
 def graded_knots(
-    start_mm: float, end_mm: float, joints_mm: FloatArray, spacing_mm: float, *, rest_start_mm: float | None, rest_end_mm: float
+    start_mm: float,
+    end_mm: float,
+    joints_mm: FloatArray,
+    spacing_mm: float,
+    *,
+    rest_start_mm: float | None,
+    rest_end_mm: float,
 ) -> FloatArray:
     """Knots from start to end: every joint of the path, spaced evenly between them, graded towards rest.
 
@@ -34,7 +41,7 @@ def graded_knots(
     inner = joints_mm[(joints_mm > head[-1] + 0.3 * spacing_mm) & (joints_mm < tail[0] - 0.3 * spacing_mm)]
     edges = np.concatenate([head[-1:], inner, tail[:1]])
     parts = [head[:-1]]
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         count = max(1, int(np.ceil((high - low) / spacing_mm - 1e-9)))
         parts.append(np.linspace(low, high, count + 1)[:-1])
     return np.concatenate([*parts, tail])
@@ -56,7 +63,8 @@ class QuadraticSpline:
 
     Attributes:
         knots_mm: shape (m + 1,).
-        power: on span k, ``q = sum_l c[k + l] sum_i power[l, i, k] z^i`` with z in [0, 1] across the span; shape (3, 3, m).
+        power: on span k, ``q = sum_l c[k + l] sum_i power[l, i, k] z^i`` with z in [0, 1] across the span; shape (3,
+            3, m).
     """
 
     knots_mm: FloatArray

@@ -1,8 +1,8 @@
 """Windowed planning of a path as it arrives.
 
-Every window is planned from the committed state to rest at the end of the path that is known (or at the next exact stop).
-Only its first part is committed; the rest is the stop that comes with it. So what is committed always ends in a feasible
-stop, whatever happens to the stream, the solver or the time it takes; docs/decisions/ holds the argument.
+Every window is planned from the committed state to rest at the end of the path that is known (or at the next exact
+stop). Only its first part is committed; the rest is the stop that comes with it. So what is committed always ends in a
+feasible stop, whatever happens to the stream, the solver or the time it takes; docs/decisions/ holds the argument.
 """
 
 from __future__ import annotations
@@ -35,12 +35,24 @@ class PlannerParameters:
     """Parameters of the planner; the same names stand in config/nodes/planner.yaml."""
 
     method: str = field(default="lp", metadata={"doc": "planning method"})
-    knot_spacing_mm: float = field(default=0.25, metadata={"unit": "mm", "range": (1e-3, 100.0), "doc": "largest knot spacing of q(s)"})
+    knot_spacing_mm: float = field(
+        default=0.25, metadata={"unit": "mm", "range": (1e-3, 100.0), "doc": "largest knot spacing of q(s)"}
+    )
     look_ahead_mm: float = field(
-        default=0.0, metadata={"unit": "mm", "range": (0.0, 1e6), "doc": "path behind what is committed; 0: from the stopping distance"}
+        default=0.0,
+        metadata={
+            "unit": "mm",
+            "range": (0.0, 1e6),
+            "doc": "path behind what is committed; 0: from the stopping distance",
+        },
     )
     commitment_mm: float = field(
-        default=0.0, metadata={"unit": "mm", "range": (0.0, 1e6), "doc": "path committed by one window; 0: from the stopping distance"}
+        default=0.0,
+        metadata={
+            "unit": "mm",
+            "range": (0.0, 1e6),
+            "doc": "path committed by one window; 0: from the stopping distance",
+        },
     )
 
 
@@ -119,7 +131,9 @@ class StreamPlanner:
         began = time.perf_counter()
         fallback = False
         try:
-            plan = self._method.plan(self.toolpath, Window(start_mm, end_mm, self._committed.state, self._committed.stop))
+            plan = self._method.plan(
+                self.toolpath, Window(start_mm, end_mm, self._committed.state, self._committed.stop)
+            )
         except (SolverError, InfeasibleLimitsError):
             if self._committed.stop is None:
                 raise
@@ -128,10 +142,7 @@ class StreamPlanner:
         chunk, worst = self._chunk(plan, commit_all, fallback, solved - began)
         if worst > ALLOWED_RATIO:
             if self._committed.stop is None or fallback:
-                raise SolverError(
-                    f"the plan from {start_mm:.3f} to {end_mm:.3f} mm fails its audit: {chunk.certificate.worst_quantity} of "
-                    f"axis {chunk.certificate.worst_axis or 'path'} at {worst:.4f} times its limit at s = {chunk.certificate.worst_s_mm:.3f} mm"
-                )
+                raise SolverError(_audit_failure(chunk))
             plan, fallback = self._fallback(self._committed.stop)
             chunk, worst = self._chunk(plan, commit_all, fallback, solved - began)
         self._commit(chunk)
@@ -140,8 +151,8 @@ class StreamPlanner:
     def restart_after_stop(self, chunk_sequence: int) -> None:
         """Plan on from rest where a chunk's stop ended: the machine took it because no further chunk came in time.
 
-        Chunks planned behind that stop are void; the interpolator refuses them. Where the chunk itself ended at rest, the
-        next one starts there anyway and nothing changes.
+        Chunks planned behind that stop are void; the interpolator refuses them. Where the chunk itself ended at rest,
+        the next one starts there anyway and nothing changes.
         """
         if chunk_sequence not in self._stops:
             return
@@ -176,7 +187,13 @@ class StreamPlanner:
             limit_mm = profile.s_mm[-1] - self._look_ahead_mm
             commit = max(1, int(np.searchsorted(profile.s_mm, limit_mm, side="right")) - 1)
         figures = SolverFigures(
-            self._method.name, plan.variables, plan.rows, plan.iterations, solve_time_s, time.perf_counter() - began, fallback
+            self._method.name,
+            plan.variables,
+            plan.rows,
+            plan.iterations,
+            solve_time_s,
+            time.perf_counter() - began,
+            fallback,
         )
         s_stop_mm, s_commit_mm = float(profile.s_mm[-1]), float(profile.s_mm[commit])
         chunk = Chunk(
@@ -207,3 +224,11 @@ class StreamPlanner:
     def _fallback(stop: FeedProfile) -> tuple[WindowPlan, bool]:
         """The stop committed before is a plan that was audited: go on with it and plan again from rest."""
         return WindowPlan(stop, 0, 0, 0), True
+
+
+def _audit_failure(chunk: Chunk) -> str:
+    found = chunk.certificate
+    return (
+        f"the plan from {chunk.s_start_mm:.3f} to {chunk.s_stop_mm:.3f} mm fails its audit: {found.worst_quantity} of "
+        f"{found.worst_axis or 'the path'} is {found.worst_ratio:.4f} times its limit at s = {found.worst_s_mm:.3f} mm"
+    )

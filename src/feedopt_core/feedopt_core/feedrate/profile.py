@@ -1,8 +1,9 @@
 """The feed profile q(s) = feedrate^2 and its exact motion in time.
 
-On a QUADRATIC element ``d2s/dt2 = (dq/ds)/2`` is linear in s, so s(t) is hyperbolic, trigonometric or a polynomial, without
-any stepping. REST_START and REST_END are elements of constant path jerk, ``s = J t^3 / 6``, that is q = (9 J / 2)^(2/3) s^(4/3),
-which no polynomial in s can hold. This is the one implementation that planner, audit and interpolator share.
+On a QUADRATIC element ``d2s/dt2 = (dq/ds)/2`` is linear in s, so s(t) is hyperbolic, trigonometric or a polynomial,
+without any stepping. REST_START and REST_END are elements of constant path jerk, ``s = J t^3 / 6``, that is q = (9 J /
+2)^(2/3) s^(4/3), which no polynomial in s can hold. This is the one implementation that planner, audit and
+interpolator share.
 """
 
 from __future__ import annotations
@@ -154,7 +155,8 @@ class FeedProfile:
         q0, slope, k = self.q_mm2_s2[e], self.dq_ds_mm_s2[e], 0.5 * self.d2q_ds2_per_s2[e]
         q1 = q0 + (slope + k * x) * x
         with np.errstate(divide="ignore", invalid="ignore"):
-            # Rounding may leave a hair below zero where an element ends in q = 0; more than a hair is an error of the plan.
+            # Rounding may leave a hair below zero where an element ends in q = 0; more than a hair is an error of the
+            # plan.
             total = np.sqrt(q0) + np.sqrt(np.where(q1 > -1e-9 * (q0 + 1.0), np.maximum(q1, 0.0), np.nan))
             mean_time = np.where(x > 0.0, 2.0 * x / total, 0.0)
             times = mean_time * _atanh_over(0.25 * k * mean_time**2)
@@ -165,7 +167,9 @@ class FeedProfile:
                     if kind is ElementKind.REST_START:
                         times[here] = np.cbrt(6.0 * x[here] / jerk)
                     else:
-                        times[here] = np.cbrt(6.0 * width / jerk) - np.cbrt(6.0 * np.maximum(width - x[here], 0.0) / jerk)
+                        times[here] = np.cbrt(6.0 * width / jerk) - np.cbrt(
+                            6.0 * np.maximum(width - x[here], 0.0) / jerk
+                        )
         return np.asarray(times)
 
 
@@ -187,7 +191,9 @@ def _stumpff(k: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray, Floa
     w = np.sqrt(np.abs(z))
     with np.errstate(divide="ignore", invalid="ignore"):
         cosh = np.where(z > 0.0, np.cosh(w), np.cos(w))
-        sinh_over = np.where(w < 1e-2, 1.0 + z / 6.0 * (1.0 + z / 20.0 * (1.0 + z / 42.0)), np.where(z > 0.0, np.sinh(w), np.sin(w)) / w)
+        sinh_over = np.where(
+            w < 1e-2, 1.0 + z / 6.0 * (1.0 + z / 20.0 * (1.0 + z / 42.0)), np.where(z > 0.0, np.sinh(w), np.sin(w)) / w
+        )
         half = np.where(z > 0.0, np.sinh(0.5 * w), np.sin(0.5 * w))
         bulge = np.where(w < 1e-2, 0.5 * (1.0 + z / 12.0 * (1.0 + z / 30.0 * (1.0 + z / 56.0))), 2.0 * half**2 / w**2)
     return cosh, t * sinh_over, t**2 * bulge

@@ -1,7 +1,8 @@
 """Set points in time: exact s(t) from the feed profile, then r(s) from the toolpath, in blocks of equidistant ticks.
 
-Set points stay equidistant from the rest before the motion to the rest after it: also while the machine waits on the path
-because no further chunk came in time, and up to the last one, which stands at the first tick at or after the end of motion.
+Set points stay equidistant from the rest before the motion to the rest after it: also while the machine waits on the
+    path because no further chunk came in time, and up to the last one, which stands at the first tick at or after the
+    end of motion.
 """
 
 from __future__ import annotations
@@ -25,9 +26,15 @@ _JOIN_MM = 1e-6
 class InterpolatorParameters:
     """Parameters of the interpolator; the same names stand in config/nodes/interpolator.yaml."""
 
-    period_s: float = field(default=0.001, metadata={"unit": "s", "range": (1e-4, 0.1), "doc": "time between set points"})
-    rest_before_ticks: int = field(default=50, metadata={"range": (0, 10000), "doc": "set points at rest before the motion"})
-    rest_after_ticks: int = field(default=250, metadata={"range": (0, 10000), "doc": "set points at rest after it, while the servo settles"})
+    period_s: float = field(
+        default=0.001, metadata={"unit": "s", "range": (1e-4, 0.1), "doc": "time between set points"}
+    )
+    rest_before_ticks: int = field(
+        default=50, metadata={"range": (0, 10000), "doc": "set points at rest before the motion"}
+    )
+    rest_after_ticks: int = field(
+        default=250, metadata={"range": (0, 10000), "doc": "set points at rest after it, while the servo settles"}
+    )
 
 
 @dataclass(frozen=True)
@@ -80,26 +87,29 @@ class SetpointStream:
         self.toolpath.append(segment)
 
     def add_chunk(self, chunk: Chunk) -> bool:
-        """Take in the next chunk; False where it is refused because the machine already takes, or took, the stop before it.
+        """Take in the next chunk; False where it is refused because the machine already takes the stop before it.
 
         Raises:
             ToolpathError: the chunk does not continue the ones before.
         """
         if not self._chunks:
             if abs(chunk.s_start_mm) > _JOIN_MM:
-                raise ToolpathError(f"the first feed-profile chunk starts at s = {chunk.s_start_mm:g} mm, not at 0: a chunk is lost")
+                raise ToolpathError(
+                    f"the first feed-profile chunk starts at s = {chunk.s_start_mm:g} mm, not at 0: a chunk is lost"
+                )
             self._chunks.append(chunk)
             return True
         before = self._chunks[-1]
         if self.starved_chunk_sequence == before.sequence:
             if abs(chunk.s_start_mm - before.s_stop_mm) > _JOIN_MM:
                 return False
-            # The machine rests (or is about to) where this chunk starts; it leaves at the first tick at which both hold.
+            # The machine rests (or is about to) where this chunk starts; it leaves at the first tick at which both
+            # hold.
             stopped_s = before.t_start_s + before.profile.duration_s
             self._wait_s += max(self.motion_time_s, stopped_s) - chunk.t_start_s
         elif abs(chunk.s_start_mm - before.s_commit_mm) > _JOIN_MM:
             raise ToolpathError(
-                f"feed-profile chunk {chunk.sequence} starts at s = {chunk.s_start_mm:g} mm, the one before is committed to "
+                f"feed-profile chunk {chunk.sequence} starts at s = {chunk.s_start_mm:g} mm, the one before ends at "
                 f"{before.s_commit_mm:g} mm: a chunk is lost"
             )
         self._chunks.append(chunk)
@@ -117,7 +127,7 @@ class SetpointStream:
         self._find_end(int(ticks[-1]))
         if self._end_tick is not None:
             ticks = ticks[ticks <= self._end_tick]
-        t_s = ticks * self._parameters.period_s - self._wait_s
+        t_s = np.asarray(ticks * self._parameters.period_s - self._wait_s, dtype=np.float64)
         s, v, a, source = self._motion(t_s)
         points = self.toolpath.evaluate(s)
         k = self._axis_matrix

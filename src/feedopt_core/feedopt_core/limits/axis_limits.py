@@ -7,7 +7,8 @@ With g1, g2, g3 = K r', K r'', K r''' (K: axis map) and q = feedrate^2, an axis 
     jerk          sqrt(q) (g3 q + 3/2 g2 q' + 1/2 g1 q'')
 
 The jerk limit is ``|w| <= j / sqrt(q)`` with w linear. Its right side is convex in q, so its tangent at any q_k,
-``3/2 j / sqrt(q_k) - j q / (2 q_k^(3/2))``, lies below it: what obeys the tangent obeys the limit, and both touch at q = q_k.
+``3/2 j / sqrt(q_k) - j q / (2 q_k^(3/2))``, lies below it: what obeys the tangent obeys the limit, and both touch at q
+= q_k.
 """
 
 from __future__ import annotations
@@ -59,12 +60,14 @@ def axis_geometry(toolpath: Toolpath, axis_matrix: FloatArray, s_mm: FloatArray)
     """Geometry of the axes at arc lengths of any shape. Raises ToolpathError outside the path held."""
     points = toolpath.evaluate(s_mm.ravel())
     shape = (len(axis_matrix), *s_mm.shape)
-    g1, g2, g3 = (np.reshape((values @ axis_matrix.T).T, shape) for values in (points.dr_ds, points.d2r_ds2, points.d3r_ds3))
+    g1, g2, g3 = (
+        np.reshape((values @ axis_matrix.T).T, shape) for values in (points.dr_ds, points.d2r_ds2, points.d3r_ds3)
+    )
     return AxisGeometry(g1, g2, g3, toolpath.feed_limits_mm_s(s_mm.ravel()).reshape(s_mm.shape))
 
 
 def span_points(knots_mm: FloatArray, z: FloatArray) -> FloatArray:
-    """Arc lengths at z in [0, 1] of every span, shape (len(z), m), a hair inside: path derivatives may jump at a knot."""
+    """Arc lengths at z in [0, 1] of every span, shape (len(z), m), a hair inside: derivatives may jump at a knot."""
     widths = np.diff(knots_mm)
     inset = np.minimum(_ONE_SIDED_MM, 1e-3 * widths)
     return np.asarray(knots_mm[:-1] + inset + z[:, None] * (widths - 2.0 * inset))
@@ -82,8 +85,8 @@ def q_limit(geometry: AxisGeometry, limits: KinematicLimits) -> FloatArray:
 class LimitRows:
     """Rows ``sum_l R[l] c[k + l] <= 1`` of all limits at p points of each of m spans.
 
-    Order of the rows: p of velocity; then, axis by axis, p each of acceleration upwards and downwards; then, axis by axis,
-    p each of jerk upwards and downwards (the tangents, set anew for every q).
+    Order of the rows: p of velocity; then, axis by axis, p each of acceleration upwards and downwards; then, axis by
+        axis, p each of jerk upwards and downwards (the tangents, set anew for every q).
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Kinematic limits within which the control signal and the tracking error hold in the worst case (thesis section 3.4.1)."""
+"""Kinematic limits within which control signal and tracking error hold in the worst case (thesis section 3.4.1)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from feedopt_core.errors import InfeasibleLimitsError
 from feedopt_core.limits.axis_limits import KinematicLimits
 
 _LEAST_ACCELERATION_SHARE = 0.2
-"""Share of the control signal or tracking error that velocity must leave to acceleration; beyond it velocity gives way."""
+"""Share of the control signal or tracking error that velocity must leave to acceleration, else velocity gives way."""
 _LEAST_JERK_SHARE = 0.1
 """Share of the tracking error that velocity and acceleration must leave to jerk."""
 
@@ -15,8 +15,8 @@ _LEAST_JERK_SHARE = 0.1
 def derived_limits(machine: Machine) -> KinematicLimits:
     """The machine's kinematic limits, lowered axis by axis until its drive limits cannot be exceeded.
 
-    With ``m a + b v + |c| + d <= u`` and ``Kv v + Ka a + Kj j <= e`` at the largest v, a and j at once, no motion within
-    the returned limits can break a drive limit. Acceleration gives way first, then velocity, then jerk.
+    With ``m a + b v + |c| + d <= u`` and ``Kv v + Ka a + Kj j <= e`` at the largest v, a and j at once, no motion
+    within the returned limits can break a drive limit. Acceleration gives way first, then velocity, then jerk.
 
     Raises:
         InfeasibleLimitsError: friction alone needs the whole control signal.
@@ -27,15 +27,20 @@ def derived_limits(machine: Machine) -> KinematicLimits:
         if machine.drive is not None and machine.control_limit_volts is not None:
             v[i], a[i] = _within_control(machine.drive, machine.control_limit_volts[i], i, name, v[i], a[i])
         if machine.tracking is not None and machine.tracking_error_limit_mm is not None:
-            v[i], a[i], j[i] = _within_tracking(machine.tracking, machine.tracking_error_limit_mm[i], i, v[i], a[i], j[i])
+            v[i], a[i], j[i] = _within_tracking(
+                machine.tracking, machine.tracking_error_limit_mm[i], i, v[i], a[i], j[i]
+            )
     return KinematicLimits(limits.axis_matrix, limits.feed_mm_s, v, a, j)
 
 
-def _within_control(drive: DriveModel, limit_volts: float, axis: int, name: str, v: float, a: float) -> tuple[float, float]:
+def _within_control(
+    drive: DriveModel, limit_volts: float, axis: int, name: str, v: float, a: float
+) -> tuple[float, float]:
     friction = abs(drive.offset_volts[axis]) + drive.coulomb_volts[axis]
     if friction >= limit_volts:
         raise InfeasibleLimitsError(
-            f"axis {name}: friction and offset need {friction:g} V of the {limit_volts:g} V allowed; raise control_limit_volts",
+            f"axis {name}: friction and offset need {friction:g} V of the {limit_volts:g} V allowed; "
+            "raise control_limit_volts",
             quantity="control",
             axis=name,
             s_mm=0.0,
@@ -47,7 +52,9 @@ def _within_control(drive: DriveModel, limit_volts: float, axis: int, name: str,
 def _within_tracking(
     tracking: TrackingModel, limit_mm: float, axis: int, v: float, a: float, j: float
 ) -> tuple[float, float, float]:
-    per_v, per_a, per_j = (abs(row[axis]) for row in (tracking.tracking_kv_s, tracking.tracking_ka_s2, tracking.tracking_kj_s3))
+    per_v, per_a, per_j = (
+        abs(row[axis]) for row in (tracking.tracking_kv_s, tracking.tracking_ka_s2, tracking.tracking_kj_s3)
+    )
     # A share of the error stays for the jerk, where it needs one: without jerk no acceleration can be built up.
     for_jerk = min(per_j * j, _LEAST_JERK_SHARE * limit_mm)
     v, a = _shared(limit_mm - for_jerk, per_v, per_a, v, a)

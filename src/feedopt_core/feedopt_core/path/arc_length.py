@@ -1,8 +1,8 @@
 """Arc length of a parametric curve and the polynomial map from arc length back to the parameter.
 
-The map follows the feed-correction polynomials of the NURBS thesis (section 3.3.2): pieces of 7th order. Here each piece
-interpolates the parameter and its first three derivatives, which are known in closed form, at both ends, so the map is C3
-inside a smooth curve, and a piece is split until its measured arc-length error is below the tolerance.
+The map follows the feed-correction polynomials of the NURBS thesis (section 3.3.2): pieces of 7th order. Here each
+piece interpolates the parameter and its first three derivatives, which are known in closed form, at both ends, so the
+map is C3 inside a smooth curve, and a piece is split until its measured arc-length error is below the tolerance.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _CHECKS = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
 
 @dataclass(frozen=True)
 class ArcLengthMap:
-    """u(s) on [0, length]: piece k holds ``u = sum_j coefficients[k, j] z^j``, ``z = (s - s_mm[k]) / (s_mm[k+1] - s_mm[k])``.
+    """u(s) on [0, length]: ``u = sum_j coefficients[k, j] z^j`` on piece k, z in [0, 1] from s_mm[k] to s_mm[k + 1].
 
     Attributes:
         s_mm: joints, shape (m + 1,), mm from the start of the curve.
@@ -64,7 +64,7 @@ def _hermite_matrix() -> FloatArray:
             factor = float(np.prod(np.arange(power - derivative + 1, power + 1))) if derivative else 1.0
             rows[derivative, power] = factor if power == derivative else 0.0
             rows[4 + derivative, power] = factor
-    return np.linalg.inv(rows)
+    return np.asarray(np.linalg.inv(rows), dtype=np.float64)
 
 
 _HERMITE = _hermite_matrix()
@@ -104,7 +104,9 @@ def map_arc_length(evaluate: Evaluator, joints_u: FloatArray, tolerance_mm: floa
             s_mm = np.concatenate([[0.0], np.cumsum(lengths)])
             return ArcLengthMap(s_mm, coefficients, float(np.max(errors)))
         if len(edges) > _MAX_PIECES:
-            raise ToolpathError(f"the curve needs more than {_MAX_PIECES} pieces for an arc-length error of {tolerance_mm:g} mm")
+            raise ToolpathError(
+                f"the curve needs more than {_MAX_PIECES} pieces for an arc-length error of {tolerance_mm:g} mm"
+            )
         edges = np.sort(np.concatenate([edges, middle[split]]))
 
 

@@ -36,14 +36,17 @@ class NurbsCurve:
         """Check the control net and prepare the curve.
 
         Raises:
-            ToolpathError: wrong counts, knots that decrease, weights that are not positive, or a value that is not finite.
+            ToolpathError: wrong counts, knots that decrease, weights that are not positive, or a value that is not
+                finite.
         """
         count = len(control_points_mm)
         if degree < 2 or count < degree + 1:
-            raise ToolpathError(f"NURBS of degree {degree} with {count} control points: needs degree >= 2 and more points than its degree")
+            raise ToolpathError(
+                f"NURBS of degree {degree} with {count} control points: needs degree >= 2 and more points than that"
+            )
         if len(knots) != count + degree + 1 or len(weights) != count:
             raise ToolpathError(
-                f"NURBS of degree {degree} with {count} control points needs {count + degree + 1} knots and {count} weights, "
+                f"NURBS of degree {degree}, {count} control points: needs {count + degree + 1} knots, {count} weights, "
                 f"has {len(knots)} and {len(weights)}"
             )
         for name, values in (("knots", knots), ("control points", control_points_mm), ("weights", weights)):
@@ -52,7 +55,9 @@ class NurbsCurve:
         if np.any(np.diff(knots) < 0.0) or knots[degree] >= knots[count]:
             raise ToolpathError("NURBS knots must not decrease, and must span more than one value")
         if np.any(weights <= 0.0):
-            raise ToolpathError(f"NURBS weight {int(np.argmin(weights))} is {float(np.min(weights)):g}, must be above zero")
+            raise ToolpathError(
+                f"NURBS weight {int(np.argmin(weights))} is {float(np.min(weights)):g}, must be above zero"
+            )
         homogeneous = np.column_stack([control_points_mm * weights[:, None], weights])
         domain = np.unique(knots[degree : count + 1])
         spline = BSpline(knots, homogeneous, degree)
@@ -81,7 +86,9 @@ class NurbsCurve:
         return _project(value, first, 2.0 * second, 6.0 * third)
 
 
-def _project(h: FloatArray, h_u: FloatArray, h_uu: FloatArray, h_uuu: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _project(
+    h: FloatArray, h_u: FloatArray, h_uu: FloatArray, h_uuu: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """From homogeneous coordinates to the curve: Leibniz' rule for r = (w r) / w."""
     w, w_u, w_uu, w_uuu = (array[:, -1:] for array in (h, h_u, h_uu, h_uuu))
     r = h[:, :-1] / w

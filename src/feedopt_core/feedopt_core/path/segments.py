@@ -73,9 +73,13 @@ class PlanarSegment:
     def __post_init__(self) -> None:
         values = np.concatenate([self.start_mm, self.tangent, self.normal, self.rise, [self.length_mm]])
         if not np.all(np.isfinite([*values, self.curvature_start_per_mm, self.sharpness_per_mm2])):
-            raise ToolpathError(f"segment {self.place.sequence} holds a value that is not finite", line=self.place.source_line)
+            raise ToolpathError(
+                f"segment {self.place.sequence} holds a value that is not finite", line=self.place.source_line
+            )
         if self.length_mm <= 0.0:
-            raise ToolpathError(f"segment {self.place.sequence} has length {self.length_mm:g} mm", line=self.place.source_line)
+            raise ToolpathError(
+                f"segment {self.place.sequence} has length {self.length_mm:g} mm", line=self.place.source_line
+            )
 
     @property
     def joints_mm(self) -> FloatArray:
@@ -92,14 +96,17 @@ class PlanarSegment:
         across = np.cos(angle)[:, None] * self.normal - np.sin(angle)[:, None] * self.tangent
         forward, sideways = self._displacement(in_plane)
         return PathPoints(
-            r_mm=self.start_mm + forward[:, None] * self.tangent + sideways[:, None] * self.normal + s_mm[:, None] * self.rise,
+            r_mm=self.start_mm
+            + forward[:, None] * self.tangent
+            + sideways[:, None] * self.normal
+            + s_mm[:, None] * self.rise,
             dr_ds=slope * along + self.rise,
             d2r_ds2=slope**2 * curvature[:, None] * across,
             d3r_ds3=slope**3 * (self.sharpness_per_mm2 * across - (curvature**2)[:, None] * along),
         )
 
     def _displacement(self, in_plane_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """In-plane displacement (forward, sideways): integrals of cos and sin of the heading, Gauss-Legendre in panels."""
+        """In-plane displacement (forward, sideways): integrals of cos and sin of the heading, Gauss-Legendre."""
         length = float(np.max(np.abs(in_plane_mm), initial=0.0))
         turn = length * (abs(self.curvature_start_per_mm) + abs(self.sharpness_per_mm2) * length)
         panels = max(1, int(np.ceil(turn)))

@@ -53,12 +53,14 @@ class Toolpath:
             before = self._segments[-1]
             if segment.place.sequence != before.place.sequence + 1:
                 raise ToolpathError(
-                    f"segment {segment.place.sequence} came after {before.place.sequence}: one is lost, send the program again",
+                    f"segment {segment.place.sequence} came after {before.place.sequence}: one is lost, send all again",
                     line=segment.place.source_line,
                 )
             _check_joint(before, segment)
         elif segment.place.sequence != 1:
-            raise ToolpathError(f"the first segment has sequence {segment.place.sequence}: the start of the program is lost")
+            raise ToolpathError(
+                f"the first segment has sequence {segment.place.sequence}: the start of the program is lost"
+            )
         self._segments.append(segment)
         self._starts.append(segment.place.s_start_mm)
 
@@ -78,7 +80,7 @@ class Toolpath:
         slack = 1e-9 * max(1.0, self.end_mm)
         if not self._segments or not np.all((s_mm >= self.start_mm - slack) & (s_mm <= self.end_mm + slack)):
             raise ToolpathError(
-                f"s from {np.min(s_mm, initial=np.inf):g} to {np.max(s_mm, initial=-np.inf):g} mm is outside the path held, "
+                f"s from {np.min(s_mm, initial=np.inf):g} to {np.max(s_mm, initial=-np.inf):g} mm is outside the path, "
                 f"{self.start_mm:g} to {self.end_mm:g} mm"
             )
         owner = np.clip(np.searchsorted(self._starts, s_mm, side="right") - 1, 0, len(self._segments) - 1)
@@ -105,15 +107,23 @@ class Toolpath:
 
     def joints_mm(self, start_mm: float, end_mm: float) -> FloatArray:
         """Arc lengths strictly between two others where a derivative of the path may jump, increasing."""
-        joints = [start + segment.joints_mm for start, segment in zip(self._starts, self._segments, strict=True)
-                  if start < end_mm and start + segment.length_mm > start_mm]
+        joints = [
+            start + segment.joints_mm
+            for start, segment in zip(self._starts, self._segments, strict=True)
+            if start < end_mm and start + segment.length_mm > start_mm
+        ]
         every = np.unique(np.concatenate(joints)) if joints else np.zeros(0)
         return every[(every > start_mm) & (every < end_mm)]
 
     def exact_stops_mm(self) -> FloatArray:
         """Arc lengths of the ends of segments where the machine must come to rest, increasing."""
-        return np.array([start + segment.length_mm for start, segment in zip(self._starts, self._segments, strict=True)
-                         if segment.place.exact_stop])
+        return np.array(
+            [
+                start + segment.length_mm
+                for start, segment in zip(self._starts, self._segments, strict=True)
+                if segment.place.exact_stop
+            ]
+        )
 
 
 def _check_joint(before: Segment, after: Segment) -> None:
@@ -124,4 +134,6 @@ def _check_joint(before: Segment, after: Segment) -> None:
         raise ToolpathError(f"{name} starts {gap_mm:g} mm from the end of the one before", line=line)
     turn = float(np.linalg.norm(start.dr_ds - end.dr_ds))
     if not before.place.exact_stop and not turn <= JOINT_TOLERANCE:
-        raise ToolpathError(f"{name} turns by {turn:g} rad from the one before: smooth the corner or stop there", line=line)
+        raise ToolpathError(
+            f"{name} turns by {turn:g} rad from the one before: smooth the corner or stop there", line=line
+        )

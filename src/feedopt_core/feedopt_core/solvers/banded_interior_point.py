@@ -1,15 +1,16 @@
 """Primal-dual interior point for minimum-time feed profiles on a quadratic B-spline.
 
-The unknowns are the control points c of q(s) = feedrate^2; on span k only ``c[k], c[k+1], c[k+2]`` count. Every inequality
-stands in one span, so the normal matrix is pentadiagonal and one iteration costs time linear in the number of spans.
+The unknowns are the control points c of q(s) = feedrate^2; on span k only ``c[k], c[k+1], c[k+2]`` count. Every
+inequality stands in one span, so the normal matrix is pentadiagonal and one iteration costs time linear in the number
+of spans.
 
     minimise    sum over quadrature points of weight / sqrt(q)          (the motion time; convex)
     subject to  sum_l rows[l] c[k + l] <= 1  on every span k
 
-Limits that are not linear in (q, q', q'') enter by their tangent at the current q (the ``rows`` callback is asked again in
-every iteration). Tangents that lie inside the true limit (see ``limits.jerk``) keep each iterate feasible, and at the
-solution the tangent and the limit touch, so the result is a stationary point of the true problem. Mehrotra's predictor and
-corrector (Wright, Primal-Dual Interior-Point Methods, ch. 10) with infeasible start.
+Limits that are not linear in (q, q', q'') enter by their tangent at the current q (the ``rows`` callback is asked
+again in every iteration). Tangents that lie inside the true limit (see ``limits.jerk``) keep each iterate feasible,
+and at the solution the tangent and the limit touch, so the result is a stationary point of the true problem.
+Mehrotra's predictor and corrector (Wright, Primal-Dual Interior-Point Methods, ch. 10) with infeasible start.
 """
 
 from __future__ import annotations
@@ -83,7 +84,7 @@ class TimeSolution:
 def local_products(coefficients: FloatArray, control_points: FloatArray) -> FloatArray:
     """``sum_l coefficients[l] c[k + l]``: shape (3, r, m) and (m + 2,) to (r, m)."""
     m = coefficients.shape[2]
-    result = coefficients[0] * control_points[:m]
+    result: FloatArray = coefficients[0] * control_points[:m]
     result += coefficients[1] * control_points[1 : m + 1]
     result += coefficients[2] * control_points[2 : m + 2]
     return result
@@ -254,12 +255,16 @@ class _InteriorPoint:
         try:
             factor = cholesky_banded(self._normal_matrix(curvature), check_finite=False)
         except LinAlgError as error:
-            raise SolverError(f"the normal matrix lost its definiteness over {len(at.c)} control points: {error}") from error
+            raise SolverError(
+                f"the normal matrix lost its definiteness over {len(at.c)} control points: {error}"
+            ) from error
         mean = at.gap() / self.size
 
         def direction(complement: FloatArray, end_complement: FloatArray) -> _Iterate:
             right = gradient + _scatter(self.rows, (at.dual * residual - complement) / at.slack)
-            right[self.ends.outer] += self.ends.inverse_limits * (at.end_dual * end_residual - end_complement) / at.end_slack
+            right[self.ends.outer] += (
+                self.ends.inverse_limits * (at.end_dual * end_residual - end_complement) / at.end_slack
+            )
             d_c = self.ends.expand(cho_solve_banded((factor, False), -self.ends.restrict(right), check_finite=False))
             d_slack = -residual - local_products(self.rows, d_c)
             d_end_slack = -end_residual - self.ends.inverse_limits * d_c[self.ends.outer]
@@ -293,7 +298,9 @@ class _InteriorPoint:
 
     def _lengths(self, direction: _Iterate, fraction: float) -> tuple[float, float]:
         at = self.at
-        primal = min(_longest(at.slack, direction.slack, fraction), _longest(at.end_slack, direction.end_slack, fraction))
+        primal = min(
+            _longest(at.slack, direction.slack, fraction), _longest(at.end_slack, direction.end_slack, fraction)
+        )
         dual = min(_longest(at.dual, direction.dual, fraction), _longest(at.end_dual, direction.end_dual, fraction))
         return primal, dual
 

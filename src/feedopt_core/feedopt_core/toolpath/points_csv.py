@@ -45,16 +45,27 @@ def read_points(lines: Iterable[str], source: str) -> ProgrammedPoints:
         if not columns:
             columns = len(fields)
             if columns not in (2, 3):
-                raise ToolpathError(f"needs x and y, or x, y and z, has {columns} fields: {line[:40]!r}", source=source, line=number, column=1)
+                raise ToolpathError(
+                    f"needs x and y, or x, y and z, has {columns} fields: {line[:40]!r}",
+                    source=source,
+                    line=number,
+                    column=1,
+                )
         rows.append(_row(line, fields, columns, source, number))
         numbers.append(number)
         if len(rows) > 1 and rows[-1] == rows[-2]:
-            raise ToolpathError(f"repeats the point of line {numbers[-2]}; remove one of them", source=source, line=number, column=1)
+            raise ToolpathError(
+                f"repeats the point of line {numbers[-2]}; remove one of them", source=source, line=number, column=1
+            )
         if len(rows) > MAX_POINTS:
-            raise ToolpathError(f"more than {MAX_POINTS} points; divide the program", source=source, line=number, column=1)
+            raise ToolpathError(
+                f"more than {MAX_POINTS} points; divide the program", source=source, line=number, column=1
+            )
     if len(rows) < 2:
         found = "holds no points" if not rows else "holds one point only"
-        raise ToolpathError(f"{found}; a toolpath needs two", source=source, line=numbers[-1] if numbers else 1, column=1)
+        raise ToolpathError(
+            f"{found}; a toolpath needs two", source=source, line=numbers[-1] if numbers else 1, column=1
+        )
     return ProgrammedPoints(np.array(rows), numbers)
 
 
@@ -71,14 +82,18 @@ def _content(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
 def _row(line: str, fields: list[str], columns: int, source: str, number: int) -> list[float]:
     if len(fields) != columns:
         at = line.rfind(",") + 2 if len(fields) > columns else len(line) + 1
-        raise ToolpathError(f"has {len(fields)} fields, the lines before have {columns}", source=source, line=number, column=at)
+        raise ToolpathError(
+            f"has {len(fields)} fields, the lines before have {columns}", source=source, line=number, column=at
+        )
     row, column = [], 1
     for text in fields:
         place = column + len(text) - len(text.lstrip())
         try:
             value = float(text)
         except ValueError as error:
-            raise ToolpathError(f"{text.strip()[:40]!r} is not a number", source=source, line=number, column=place) from error
+            raise ToolpathError(
+                f"{text.strip()[:40]!r} is not a number", source=source, line=number, column=place
+            ) from error
         if not math.isfinite(value):
             raise ToolpathError(f"{text.strip()[:40]} is not a finite number", source=source, line=number, column=place)
         row.append(value)

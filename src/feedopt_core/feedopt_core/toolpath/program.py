@@ -23,7 +23,10 @@ def open_program(path: Path) -> str:
         ToolpathError: it cannot be opened, is not text, or is of a kind that is not read.
     """
     if path.suffix.lower() not in POINTS_SUFFIXES:
-        raise ToolpathError(f"files of type {path.suffix or '(none)'} are not read; there are: {', '.join(POINTS_SUFFIXES)}", source=str(path))
+        raise ToolpathError(
+            f"files of type {path.suffix or '(none)'} are not read; there are: {', '.join(POINTS_SUFFIXES)}",
+            source=str(path),
+        )
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
@@ -49,6 +52,8 @@ def read_program(text: str, source: str, dimensions: int) -> Iterator[Segment]:
     points_mm = programmed.points_mm
     missing = dimensions - points_mm.shape[1]
     if missing < 0:
-        raise ToolpathError("has a z coordinate, the machine has no axis for it", source=source, line=programmed.lines[0], column=1)
+        raise ToolpathError(
+            "has a z coordinate, the machine has no axis for it", source=source, line=programmed.lines[0], column=1
+        )
     points_mm = np.pad(points_mm, ((0, 0), (0, missing)))
     yield from interpolate_points(points_mm, programmed.lines)
