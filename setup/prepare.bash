@@ -1,0 +1,230 @@
+# shellcheck shell=bash
+# Sourced by ./feedopt when .venv or the build is missing or out of date: makes both, once at a time.
+# shellcheck disable=SC2154  # root, venv, ready_stamp, built_stamp, ros_origin and the functions are ./feedopt's
+
+setup_log=$root/log/setup.log
+building_marker=$root/build/feedopt-building
+ticker=
+
+say() {
+    printf 'feedopt: %s\n' "$*" >&2
+}
+
+# Runs a command with its output in the log, and tells what it does and for how long.
+step() { # TITLE COMMAND...
+    local title=$1 started=$SECONDS status=0
+    shift
+    printf '\n== %s: %s\n' "$title" "$*" >>"$setup_log"
+    start_ticker "$title"
+    "$@" >>"$setup_log" 2>&1 || status=$?
+    stop_ticker
+    if [[ $status -ne 0 ]]; then
+        rm -f -- "$building_marker"
+        say "$title: failed with exit code $status. The end of $setup_log:"
+        tail -n 20 -- "$setup_log" | sed 's/^/    /' >&2
+        exit 1
+    fi
+    say "$title: $((SECONDS - started)) s"
+}
+
+start_ticker() { # TITLE
+    if [[ -t 2 ]]; then
+        tick "$1" &
+        ticker=$!
+    else
+        say "$1 ..."
+    fi
+}
+
+stop_ticker() {
+    if [[ -n $ticker ]]; then
+        kill "$ticker" 2>/dev/null || true
+        wait "$ticker" 2>/dev/null || true
+        printf '\r\033[K' >&2
+        ticker=
+    fi
+}
+
+tick() { # TITLE
+    local started=$SECONDS
+    while kill -0 $$ 2>/dev/null; do
+        printf '\r\033[Kfeedopt: %s ... %d s' "$1" "$((SECONDS - started))" >&2
+        sleep 1
+    done
+}
+
+prepare_workspace() {
+    { mkdir -p -- "$root/log" && : >>"$root/log/setup.lock"; } 2>/dev/null ||
+        die "cannot write to $root, where .venv and the build belong"
+    exec 9>"$root/log/setup.lock"
+    if ! flock --nonblock 9; then
+        say 'another ./feedopt is setting this workspace up; waiting for it'
+        flock 9
+    fi
+    trap stop_ticker EXIT
+    trap 'exit 130' INT
+    unset PYTHONDONTWRITEBYTECODE
+    if ! venv_is_ready; then
+        : >"$setup_log"
+        make_venv
+    fi
+    if ! build_is_fresh; then
+        build_workspace
+    fi
+    trap - EXIT INT
+    exec 9>&-
+}
+
+# --- .venv ------------------------------------------------------------------------------------------------------------
+
+make_venv() {
+    local options=()
+    choose_python
+    require_system_packages
+    if [[ ! -d $venv ]]; then
+        say 'the first use makes .venv (1.3 GB) and builds the workspace; that takes about two minutes'
+    fi
+    rm -rf -- "$venv"
+    if [[ $ros_origin != wheels ]]; then
+        options=(--system-site-packages)
+    fi
+    step "making .venv with $("$python" --version)" "$python" -m venv "${options[@]}" "$venv"
+    step 'installing uv' "$venv/bin/python" -m pip install --disable-pip-version-check -r "$root/requirements/uv.txt"
+    step 'installing the Python packages' install_requirements
+    printf '%s\n' "${FEEDOPT_PYTHON:-$python}" >"$venv/feedopt-python"
+    venv_recipe >"$ready_stamp"
+}
+
+# Sets python: $FEEDOPT_PYTHON, or what belongs to the sourced ROS 2, or the first that the wheels exist for.
+choose_python() {
+    local candidates=(python3.12 python3.11 python3) fits='import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))'
+    if [[ $ros_origin != wheels ]]; then
+        candidates=(python3) fits='import rclpy'
+    elif [[ $(uname -sm) != 'Linux x86_64' ]]; then
+        die 'ROS 2 is on PyPI for Linux on x86-64 only; here, install ROS 2 Jazzy and source its setup.bash first'
+    fi
+    for python in ${FEEDOPT_PYTHON:-"${candidates[@]}"}; do
+        if "$python" -c "$fits" >/dev/null 2>&1; then
+            return 0
+        fi
+    done
+    if [[ $ros_origin != wheels ]]; then
+        die "ROS 2 Jazzy is sourced, but ${FEEDOPT_PYTHON:-python3} cannot import rclpy from $ros_origin" \
+            'put the Python that ROS 2 was installed for first in PATH, or name it: FEEDOPT_PYTHON=/usr/bin/python3'
+    fi
+    die "Python 3.11 or 3.12 is needed, and ${FEEDOPT_PYTHON:-python3} is neither" \
+        'install one (Ubuntu 24.04: apt-get install python3.12; Debian 12: apt-get install python3.11)' \
+        'or name one that is not in PATH: FEEDOPT_PYTHON=/path/to/python3.12 ./feedopt'
+}
+
+require_system_packages() {
+    local missing=() name tool
+    name=$("$python" -c 'import sys; print("python%d.%d" % sys.version_info[:2])')
+    "$python" -c 'import ensurepip, venv' 2>/dev/null || missing+=("$name-venv")
+    "$python" -c 'import os, sysconfig; os.stat(sysconfig.get_path("include") + "/Python.h")' 2>/dev/null ||
+        missing+=("$name-dev")
+    for tool in "${CC:-cc}" "${CXX:-c++}" make; do
+        command -v "${tool%% *}" >/dev/null || { missing+=(build-essential) && break; }
+    done
+    if [[ ${#missing[@]} -eq 0 ]]; then
+        return 0
+    fi
+    if [[ $EUID -ne 0 ]] || ! command -v apt-get >/dev/null; then
+        die "missing: ${missing[*]}" "install it and try again, on Debian and Ubuntu: sudo apt-get install ${missing[*]}"
+    fi
+    step "installing ${missing[*]} with apt-get" install_system_packages "${missing[@]}"
+}
+
+install_system_packages() {
+    apt-get update && DEBIAN_FRONTEND=noninteractive apt-get install --yes --no-install-recommends "$@"
+}
+
+install_requirements() {
+    local name files=(runtime test)
+    if [[ $ros_origin == wheels ]]; then
+        files+=(ros colcon)
+    elif ! "$venv/bin/python" -c 'import colcon_core' 2>/dev/null; then
+        files+=(colcon)
+    fi
+    if ! has_cmake; then
+        files+=(cmake)
+    fi
+    set --
+    for name in "${files[@]}"; do
+        set -- "$@" --requirement "$root/requirements/$name.txt"
+    done
+    # pip knows mirrors and certificates from its own configuration that uv does not.
+    "$venv/bin/uv" pip install --python "$venv/bin/python" "$@" || "$venv/bin/python" -m pip install "$@"
+}
+
+has_cmake() { # at least 3.19, for cmake_language(DEFER)
+    local version
+    version=$(cmake --version 2>/dev/null | head -n 1) || return 1
+    [[ $(printf '%s\n' 3.19 "${version##* }" | sort --version-sort | head -n 1) == 3.19 ]]
+}
+
+# --- the build --------------------------------------------------------------------------------------------------------
+
+build_workspace() {
+    local packages title
+    if [[ -f $building_marker || ! -f $built_stamp || $(<"$built_stamp") != "$(build_recipe)" ]]; then
+        rm -rf -- "$root/build" "$root/install"
+    fi
+    mkdir -p -- "$root/build" "$root/install"
+    # The build counts from here: what changes while it runs has to be built again.
+    build_recipe >"$building_marker"
+    forget_vanished_sources
+    mapfile -t packages < <(changed_packages)
+    if [[ ${#packages[@]} -gt 0 ]]; then
+        title="building ${packages[*]}"
+        [[ ${#packages[@]} -le 2 ]] || title='building the workspace'
+        # A renamed executable would live on, and colcon writes them all anew.
+        rm -rf -- "${packages[@]/#/$root/install/lib/}"
+        step "$title" colcon_build "${packages[@]}"
+    fi
+    built_sources -type f -print >"$root/install/feedopt-sources"
+    mv -- "$building_marker" "$built_stamp"
+}
+
+# What was made from a file that is gone would live on: drop all that its package has built and installed.
+forget_vanished_sources() {
+    local source package
+    [[ -f $root/install/feedopt-sources ]] || return 0
+    while IFS= read -r source; do
+        if [[ ! -e $root/$source ]]; then
+            package=feedopt_config
+            [[ $source != src/* ]] || package=$(cut -d / -f 2 <<<"$source")
+            rm -rf -- "$root/build/$package" "$root/install"/{lib,share}/"$package"
+        fi
+    done <"$root/install/feedopt-sources"
+    find "$root/install" -xtype l -delete
+}
+
+changed_packages() {
+    local description folder newer=()
+    if [[ -f $built_stamp ]]; then
+        newer=(-cnewer "$built_stamp")
+    fi
+    for description in "$root"/config/package.xml "$root"/src/*/package.xml; do
+        folder=$(dirname -- "${description#"$root"/}")
+        if built_sources -path "$folder*" "${newer[@]}" -print -quit | grep -q .; then
+            sed -n 's|.*<name>\(.*\)</name>.*|\1|p' "$description"
+        fi
+    done
+}
+
+colcon_build() { # PACKAGE...
+    local cmake_args=(-DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release "-DPython3_EXECUTABLE=$venv/bin/python")
+    if [[ $ros_origin == wheels ]]; then
+        cmake_args+=("-DCMAKE_PROJECT_INCLUDE=$root/setup/ros_wheels.cmake")
+    fi
+    (
+        cd -- "$root" || exit
+        enter_environment
+        if [[ $ros_origin == wheels ]]; then
+            export CMAKE_PREFIX_PATH=$venv
+        fi
+        "$venv/bin/python" -m colcon --log-base log/colcon build --base-paths config src --merge-install \
+            --symlink-install --event-handlers console_cohesion+ --packages-select "$@" --cmake-args "${cmake_args[@]}"
+    )
+}
