@@ -1,0 +1,1 @@
+"""The rclpy shell that the nodes share."""

@@ -1,0 +1,222 @@
+"""The one place where feedopt messages and domain types of the core meet. Arrays cross as ``array.array``, row-major.
+
+``array.array("d", values.tobytes())`` is a hundred times faster than handing numpy to a message field.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import TypeVar
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from feedopt_core.arrays import FloatArray
+from feedopt_core.config.machine import DriveModel, Machine, TrackingModel
+from feedopt_core.feedrate.chunk import Certificate, Chunk, SolverFigures
+from feedopt_core.feedrate.profile import FeedProfile
+from feedopt_core.path.arc_length import ORDER, ArcLengthMap
+from feedopt_core.path.nurbs import NurbsCurve
+from feedopt_core.path.segments import NurbsSegment, PlanarSegment, Segment, SegmentKind, SegmentPlace
+from feedopt_msgs.msg import FeedProfileChunk, ToolpathSegment
+from feedopt_msgs.msg import Machine as MachineMessage
+
+_NANOSECONDS = 1_000_000_000
+_PROFILE_FIELDS = ("s_mm", "q_mm2_s2", "dq_ds_mm_s2", "d2q_ds2_per_s2", "jerk_mm_s3")
+_CERTIFICATE_ROWS = (
+    "max_velocity_mm_s",
+    "max_acceleration_mm_s2",
+    "max_jerk_mm_s3",
+    "max_control_volts",
+    "max_tracking_error_mm",
+)
+_CERTIFICATE_FIELDS = ("worst_ratio", "worst_quantity", "worst_axis", "worst_s_mm")
+_CHUNK_FIELDS = tuple(
+    entry.name for entry in fields(Chunk) if entry.name not in ("profile", "certificate", "figures")
+)
+_FIGURES = tuple(entry.name for entry in fields(SolverFigures))
+_DRIVE_FIELDS = tuple(entry.name for entry in fields(DriveModel))
+_TRACKING_FIELDS = tuple(entry.name for entry in fields(TrackingModel))
+
+_Model = TypeVar("_Model", DriveModel, TrackingModel)
+
+
+def time_message(nanoseconds: int) -> Time:
+    """Wall-clock nanoseconds since the epoch as a stamp."""
+    return Time(sec=nanoseconds // _NANOSECONDS, nanosec=nanoseconds % _NANOSECONDS)
+
+
+def nanoseconds(stamp: Time) -> int:
+    """Stamp as wall-clock nanoseconds since the epoch."""
+    return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
+
+
+def doubles(values: FloatArray) -> array[float]:
+    """A float64 array of any shape, row-major, as a message field takes it."""
+    return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
+
+
+def floats(field: Sequence[float]) -> FloatArray:
+    """A message field as a float64 array of its own, shape (n,)."""
+    return np.array(field, dtype=np.float64) if not isinstance(field, array) else np.frombuffer(field).copy()
+
+
+def segment_to_message(segment: Segment, program_id: int) -> ToolpathSegment:
+    """Segment of a program; the stamp is left to the publisher."""
+    place = segment.place
+    message = ToolpathSegment(
+        program_id=program_id,
+        sequence=place.sequence,
+        source_line=place.source_line,
+        last=place.last,
+        exact_stop=place.exact_stop,
+        kind=int(segment.kind),
+        s_start_mm=place.s_start_mm,
+        length_mm=segment.length_mm,
+        feed_limit_mm_s=place.feed_limit_mm_s,
+    )
+    if isinstance(segment, PlanarSegment):
+        message.dimensions = len(segment.start_mm)
+        for name in ("start_mm", "tangent", "normal", "rise"):
+            setattr(message, name, doubles(getattr(segment, name)))
+        message.curvature_start_per_mm = segment.curvature_start_per_mm
+        message.sharpness_per_mm2 = segment.sharpness_per_mm2
+        return message
+    curve, arc_length_map = segment.curve, segment.arc_length_map
+    message.dimensions = curve.control_points_mm.shape[1]
+    message.degree = curve.degree
+    message.knots = doubles(curve.knots)
+    message.control_points_mm = doubles(curve.control_points_mm)
+    message.weights = doubles(curve.weights)
+    message.map_s_mm = doubles(arc_length_map.s_mm)
+    message.map_u = doubles(arc_length_map.coefficients)
+    message.map_error_mm = arc_length_map.error_mm
+    return message
+
+
+def segment_from_message(message: ToolpathSegment) -> Segment:
+    """Segment of a program.
+
+    Raises:
+        ToolpathError: parameters that are no curve.
+    """
+    place = SegmentPlace(
+        sequence=message.sequence,
+        source_line=message.source_line,
+        s_start_mm=message.s_start_mm,
+        feed_limit_mm_s=message.feed_limit_mm_s,
+        exact_stop=message.exact_stop,
+        last=message.last,
+    )
+    kind = SegmentKind(message.kind)
+    if kind is not SegmentKind.NURBS:
+        return PlanarSegment(
+            kind=kind,
+            place=place,
+            length_mm=message.length_mm,
+            start_mm=floats(message.start_mm),
+            tangent=floats(message.tangent),
+            normal=floats(message.normal),
+            rise=floats(message.rise),
+            curvature_start_per_mm=message.curvature_start_per_mm,
+            sharpness_per_mm2=message.sharpness_per_mm2,
+        )
+    curve = NurbsCurve.from_control_net(
+        message.degree,
+        floats(message.knots),
+        floats(message.control_points_mm).reshape(-1, message.dimensions),
+        floats(message.weights),
+    )
+    arc_length_map = ArcLengthMap(
+        floats(message.map_s_mm), floats(message.map_u).reshape(-1, ORDER), message.map_error_mm
+    )
+    return NurbsSegment(place, curve, arc_length_map)
+
+
+def chunk_to_message(chunk: Chunk, program_id: int) -> FeedProfileChunk:
+    """Feed-profile chunk of a program; the stamp is left to the publisher."""
+    message = FeedProfileChunk(program_id=program_id)
+    for name in _CHUNK_FIELDS:
+        setattr(message, name, getattr(chunk, name))
+    message.kind = array("B", chunk.profile.kind.astype(np.uint8).tobytes())
+    for name in _PROFILE_FIELDS:
+        setattr(message, name, doubles(getattr(chunk.profile, name)))
+    for name in _CERTIFICATE_ROWS:
+        setattr(message, name, array("d", getattr(chunk.certificate, name)))
+    for name in _CERTIFICATE_FIELDS:
+        setattr(message, name, getattr(chunk.certificate, name))
+    for name in _FIGURES:
+        setattr(message, name, getattr(chunk.figures, name))
+    return message
+
+
+def chunk_from_message(message: FeedProfileChunk) -> Chunk:
+    """Feed-profile chunk of a program.
+
+    Raises:
+        SolverError: its elements are no motion.
+    """
+    profile = FeedProfile(
+        np.frombuffer(bytes(message.kind), dtype=np.uint8).astype(np.int64),
+        *(floats(getattr(message, name)) for name in _PROFILE_FIELDS),
+    )
+    rows = {name: tuple(getattr(message, name)) for name in _CERTIFICATE_ROWS}
+    certificate = Certificate(**rows, **{name: getattr(message, name) for name in _CERTIFICATE_FIELDS})
+    figures = SolverFigures(**{name: getattr(message, name) for name in _FIGURES})
+    scalars = {name: getattr(message, name) for name in _CHUNK_FIELDS}
+    return Chunk(**scalars, profile=profile, certificate=certificate, figures=figures)
+
+
+def machine_to_message(machine: Machine) -> MachineMessage:
+    """Machine with NaN for what its file does not give; the stamp is left to the publisher."""
+    axes = len(machine.axis_names)
+    unknown = (math.nan,) * axes
+    message = MachineMessage(
+        name=machine.name,
+        yaml=machine.yaml_text,
+        axis_names=list(machine.axis_names),
+        coordinate=array("B", machine.coordinate),
+        feed_limit_mm_s=machine.feed_limit_mm_s,
+    )
+    for name in ("velocity_limit_mm_s", "acceleration_limit_mm_s2", "jerk_limit_mm_s3"):
+        setattr(message, name, array("d", getattr(machine, name)))
+    message.control_limit_volts = array("d", machine.control_limit_volts or unknown)
+    message.tracking_error_limit_mm = array("d", machine.tracking_error_limit_mm or unknown)
+    for name in _DRIVE_FIELDS:
+        setattr(message, name, array("d", getattr(machine.drive, name) if machine.drive else unknown))
+    for name in _TRACKING_FIELDS:
+        setattr(message, name, array("d", getattr(machine.tracking, name) if machine.tracking else unknown))
+    return message
+
+
+def machine_from_message(message: MachineMessage) -> Machine:
+    """Machine as published; None for what is NaN in the message."""
+    drive = _model(DriveModel, _DRIVE_FIELDS, message)
+    tracking = _model(TrackingModel, _TRACKING_FIELDS, message)
+    return Machine(
+        name=message.name,
+        yaml_text=message.yaml,
+        axis_names=tuple(message.axis_names),
+        coordinate=tuple(message.coordinate),
+        feed_limit_mm_s=message.feed_limit_mm_s,
+        velocity_limit_mm_s=tuple(message.velocity_limit_mm_s),
+        acceleration_limit_mm_s2=tuple(message.acceleration_limit_mm_s2),
+        jerk_limit_mm_s3=tuple(message.jerk_limit_mm_s3),
+        control_limit_volts=_known(message.control_limit_volts),
+        drive=drive,
+        tracking_error_limit_mm=_known(message.tracking_error_limit_mm),
+        tracking=tracking,
+    )
+
+
+def _model(kind: type[_Model], names: Sequence[str], message: MachineMessage) -> _Model | None:
+    """A model of the machine; None where one of its rows is NaN."""
+    rows = {name: _known(getattr(message, name)) for name in names}
+    return kind(**{name: row for name, row in rows.items() if row is not None}) if None not in rows.values() else None
+
+
+def _known(field: Sequence[float]) -> tuple[float, ...] | None:
+    row = tuple(field)
+    return None if any(math.isnan(value) for value in row) else row

@@ -1,0 +1,13 @@
+"""Errors of the ROS shell, below the root of the core's errors."""
+
+from __future__ import annotations
+
+from feedopt_core.errors import FeedoptError
+
+
+class SecondGraphError(FeedoptError):
+    """Another graph already runs on this ROS domain; the message names it and the way out."""
+
+
+class SequenceGapError(FeedoptError):
+    """A message of a stream is missing; the message names the topic and both sequence numbers."""

@@ -1,0 +1,80 @@
+"""Base class of every node of the graph: parameters, publishers and subscriptions as ``graph.yaml`` says."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+
+from feedopt_core.errors import ConfigError
+from feedopt_node.graph import Topic, load_graph
+from feedopt_node.parameters import GraphParameters, declare_parameters
+from feedopt_node.qos import qos_profile
+from feedopt_node.status import NodeLife
+
+P = TypeVar("P", bound=GraphParameters)
+
+
+def interface_class(type_name: str) -> Any:
+    """Python class of a message or action type such as ``feedopt_msgs/msg/AxisState``.
+
+    Raises:
+        ConfigError: the package that holds it is not built or not sourced.
+    """
+    package, folder, name = type_name.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.{folder}"), name)
+    except (ImportError, AttributeError) as error:
+        raise ConfigError(f"type {type_name} cannot be loaded ({error}): build the workspace and source its setup") from error
+
+
+class GraphNode(Node, Generic[P]):
+    """A node whose topics stand in ``graph.yaml`` and whose parameters are one frozen dataclass.
+
+    Args:
+        name: name of the node in the graph.
+        parameters: its parameter dataclass.
+
+    Raises:
+        ConfigError: a parameter or a name the graph does not know.
+    """
+
+    def __init__(self, name: str, parameters: type[P]) -> None:
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        self.parameters: P = declare_parameters(self, parameters)
+        self.graph = load_graph()
+        if self.get_name() not in self.graph.nodes:
+            raise ConfigError(f"{self.get_name()} is not a node of the graph; known are {', '.join(self.graph.nodes)}")
+        self.life = NodeLife(self, self.graph, self.parameters.present_nodes or tuple(self.graph.nodes))
+
+    def publish_topic(self, topic: str) -> Publisher:
+        """Publisher of a topic of the graph, with its type and quality of service; readiness waits for its subscriptions."""
+        entry = self._topic(topic, self.graph.publications(self.get_name()))
+        publisher = self.create_publisher(interface_class(entry.type), topic, qos_profile(entry.qos))
+        self.life.watch_publisher(topic, publisher)
+        return publisher
+
+    def subscribe_topic(
+        self, topic: str, callback: Callable[[Any], None], *, raw: bool = False, group: CallbackGroup | None = None
+    ) -> Subscription:
+        """Subscription to a topic of the graph; readiness waits for its publishers. ``raw`` gives the CDR bytes."""
+        entry = self._topic(topic, self.graph.subscriptions(self.get_name()))
+        subscription = self.create_subscription(
+            interface_class(entry.type), topic, callback, qos_profile(entry.qos), raw=raw, callback_group=group
+        )
+        self.life.watch_subscription(topic, subscription)
+        return subscription
+
+    def close(self) -> None:
+        """Called once when the process ends; a node with threads of its own ends them here."""
+
+    def _topic(self, name: str, topics: tuple[Topic, ...]) -> Topic:
+        for topic in topics:
+            if topic.name == name:
+                return topic
+        raise ConfigError(f"graph.yaml does not give node {self.get_name()} the topic {name}")

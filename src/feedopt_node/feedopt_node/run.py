@@ -1,0 +1,72 @@
+"""Life of a node's process, and its exit codes."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy.executors import Executor, ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+
+from feedopt_core.errors import ConfigError, FeedoptError
+from feedopt_node.errors import SecondGraphError
+from feedopt_node.graph_node import GraphNode
+
+EXIT_OK = 0
+EXIT_FAILURE = 1
+EXIT_CONFIG = 2
+EXIT_SECOND_GRAPH = 3
+
+
+def run_node(factory: Callable[[], GraphNode[Any]], *, threads: int = 1, arguments: list[str] | None = None) -> int:
+    """Make a node and spin it until SIGINT, SIGTERM or an error that ends it.
+
+    Args:
+        factory: makes the node; called after rclpy is up. Its ``close`` is called at the end.
+        threads: threads of the executor.
+        arguments: command line; None: that of the process.
+
+    Returns:
+        Exit code: 0 after a signal, 1 after a failure, 2 for a bad parameter or file, 3 beside an older graph.
+    """
+    # rclpy's own handler shuts the context down. Python's would raise KeyboardInterrupt anywhere, also inside rclpy's C++.
+    signal.signal(signal.SIGINT, _leave_to_rclpy)
+    rclpy.init(args=arguments)
+    executor: Executor = SingleThreadedExecutor() if threads == 1 else MultiThreadedExecutor(num_threads=threads)
+    node: GraphNode[Any] | None = None
+    try:
+        node = factory()
+        executor.add_node(node)
+        executor.spin_until_future_complete(node.life.ended)
+        if node.life.ended.done():
+            node.life.ended.result()
+    except ExternalShutdownException:
+        return EXIT_OK
+    except rclpy_implementation.RCLError:
+        # The signal came while the executor was between its check and its wait.
+        if rclpy.ok():
+            raise
+        return EXIT_OK
+    except FeedoptError as error:
+        print(f"{node.get_name()}: {error}" if node else error, file=sys.stderr, flush=True)
+        return exit_code(error)
+    finally:
+        if node is not None:
+            node.close()
+        rclpy.try_shutdown()
+    return EXIT_OK
+
+
+def exit_code(error: FeedoptError) -> int:
+    """Exit code of a process that ends with this error."""
+    if isinstance(error, SecondGraphError):
+        return EXIT_SECOND_GRAPH
+    return EXIT_CONFIG if isinstance(error, ConfigError) else EXIT_FAILURE
+
+
+def _leave_to_rclpy(number: int, frame: FrameType | None) -> None:
+    """Signal handler."""

@@ -1,0 +1,190 @@
+"""State of this node on ``/status``, and the latest state of every other node."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from feedopt_msgs.msg import NodeStatus
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+
+from feedopt_node.errors import SecondGraphError
+from feedopt_node.graph import Graph
+from feedopt_node.qos import qos_profile
+
+STATUS_TOPIC = "/status"
+STATUS_PERIOD_S = 0.1
+MATCH_PERIOD_S = 0.02
+SILENCE_S = 3.0
+
+READY_STATES = (NodeStatus.READY, NodeStatus.RUNNING, NodeStatus.DONE, NodeStatus.FAULT)
+
+
+class PeerStatuses:
+    """The latest status of each node, by name; kept apart from ROS so that the rules can be tested.
+
+    Where two instances of one name are heard, the older one counts until it falls silent.
+    """
+
+    def __init__(self, own_name: str, own_instance: int) -> None:
+        self.own_name = own_name
+        self.own_instance = own_instance
+        self._heard: dict[str, tuple[float, NodeStatus]] = {}
+
+    def take(self, status: NodeStatus, now_s: float) -> bool:
+        """Note a status; False if it is ignored (our own, or a newer instance beside an older one).
+
+        Raises:
+            SecondGraphError: an older instance of this very node is alive: we are the second graph.
+        """
+        if status.node == self.own_name:
+            if status.instance < self.own_instance:
+                raise SecondGraphError(
+                    f"another {self.own_name} already runs on this ROS domain: stop that graph, "
+                    "or choose another domain with ROS_DOMAIN_ID"
+                )
+            return False
+        held = self._heard.get(status.node)
+        if held and status.instance > held[1].instance and now_s - held[0] < SILENCE_S:
+            return False
+        self._heard[status.node] = (now_s, status)
+        return True
+
+    def get(self, name: str) -> NodeStatus | None:
+        """Latest status of a node, None before the first."""
+        held = self._heard.get(name)
+        return held[1] if held else None
+
+    def silent(self, names: Sequence[str], now_s: float) -> str | None:
+        """First of the named nodes that was heard once but not for ``SILENCE_S``; None if all are alive."""
+        for name in names:
+            held = self._heard.get(name)
+            if held and now_s - held[0] > SILENCE_S:
+                return name
+        return None
+
+
+class NodeLife:
+    """Publishes the state of one node on every change and at 10 Hz, and follows its peers.
+
+    The node is READY once every publisher has its subscriptions and every subscription its publishers.
+    ``ended`` is a future that :func:`feedopt_node.run.run_node` waits for; it ends with the error that ends the process.
+    Any thread may report.
+    """
+
+    def __init__(self, node: Node, graph: Graph, present: Sequence[str]) -> None:
+        name = node.get_name()
+        self._node = node
+        self._present = tuple(present)
+        self._required_subscriptions = graph.required_subscriptions(name, present)
+        self._required_publishers = graph.required_publishers(name, present)
+        self._publishers: dict[str, Publisher] = {}
+        self._subscriptions: dict[str, Subscription] = {}
+        self._listeners: list[Callable[[NodeStatus], None]] = []
+        self._progress: Callable[[], dict[str, Any]] = dict
+        self._lock = threading.Lock()
+        self._status = NodeStatus(node=name, instance=time.time_ns(), state=NodeStatus.STARTING)
+        self.peers = PeerStatuses(name, self._status.instance)
+        self.ended = Future()
+        qos = qos_profile(graph.topics[STATUS_TOPIC].qos)
+        self._publisher = node.create_publisher(NodeStatus, STATUS_TOPIC, qos)
+        self.watch_publisher(STATUS_TOPIC, self._publisher)
+        self.watch_subscription(STATUS_TOPIC, node.create_subscription(NodeStatus, STATUS_TOPIC, self._take, qos))
+        node.create_timer(STATUS_PERIOD_S, self._repeat)
+        self._match_timer = node.create_timer(MATCH_PERIOD_S, self._check_matches)
+
+    @property
+    def state(self) -> int:
+        """State of this node, one of the constants of NodeStatus."""
+        return int(self._status.state)
+
+    @property
+    def program_id(self) -> int:
+        """Program the state belongs to; 0: none yet."""
+        return int(self._status.program_id)
+
+    @property
+    def present(self) -> tuple[str, ...]:
+        """Names of the nodes that were started."""
+        return self._present
+
+    def watch_publisher(self, topic: str, publisher: Publisher) -> None:
+        """Readiness waits for this publisher's subscriptions."""
+        self._publishers[topic] = publisher
+
+    def watch_subscription(self, topic: str, subscription: Subscription) -> None:
+        """Readiness waits for this subscription's publishers."""
+        self._subscriptions[topic] = subscription
+
+    def on_peer(self, listener: Callable[[NodeStatus], None]) -> None:
+        """Call ``listener`` with every status of another node."""
+        self._listeners.append(listener)
+
+    def progress_from(self, source: Callable[[], dict[str, Any]]) -> None:
+        """Ask ``source`` for the fields that change all the time before every report."""
+        self._progress = source
+
+    def report(self, **fields: Any) -> None:
+        """Set fields of the status and publish it now."""
+        fields = self._progress() | fields
+        with self._lock:
+            for name, value in fields.items():
+                setattr(self._status, name, value)
+            self._status.stamp = self._node.get_clock().now().to_msg()
+            self._publisher.publish(self._status)
+
+    def begin_program(self, program_id: int) -> None:
+        """RUNNING on a new program, all counters from zero."""
+        self.report(
+            state=NodeStatus.RUNNING,
+            program_id=program_id,
+            last_input_sequence=0,
+            last_output_sequence=0,
+            s_mm=0.0,
+            motion_time_s=0.0,
+            missed_ticks=0,
+            starved_chunk_sequence=0,
+            text="",
+        )
+
+    def peers_ready(self) -> str | None:
+        """None if this node and every present peer have said READY; else the name of the first that has not."""
+        for name in self._present:
+            status = self._status if name == self.peers.own_name else self.peers.get(name)
+            if status is None or status.state not in READY_STATES:
+                return name
+        return None
+
+    def silent_peer(self) -> str | None:
+        """Name of a present peer that has fallen silent, None if all are alive."""
+        return self.peers.silent(self._present, time.monotonic())
+
+    def _repeat(self) -> None:
+        self.report()
+
+    def _take(self, status: NodeStatus) -> None:
+        try:
+            if not self.peers.take(status, time.monotonic()):
+                return
+        except SecondGraphError as error:
+            if not self.ended.done():
+                self.ended.set_exception(error)
+            return
+        for listener in self._listeners:
+            listener(status)
+
+    def _check_matches(self) -> None:
+        publishers = ((self._publishers[topic].get_subscription_count(), need)
+                      for topic, need in self._required_subscriptions.items())
+        subscriptions = ((self._subscriptions[topic].get_publisher_count(), need)
+                         for topic, need in self._required_publishers.items())
+        # More publishers than nodes: a second graph is on this domain. Its nodes hear ours and end; until then we wait.
+        alone = self._subscriptions[STATUS_TOPIC].get_publisher_count() <= len(self._present)
+        if alone and all(count >= need for count, need in (*publishers, *subscriptions)):
+            self._match_timer.cancel()
+            self.report(state=NodeStatus.READY)

@@ -1,0 +1,20 @@
+from setuptools import find_packages, setup
+
+PACKAGE = "feedopt_node"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="The rclpy shell that the nodes of the feedopt motion pipeline share",
+    maintainer="feedopt maintainers",
+    maintainer_email="maintainers@example.org",
+    license="Apache-2.0",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={"": ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+)
