@@ -1,1 +1,1 @@
-"""A simulated router: drives, friction and servo loop of the axes, and the node that closes the 1 kHz loop of the feedopt motion pipeline."""
+"""A simulated router: drives, friction, servo loop, and the node around them."""
