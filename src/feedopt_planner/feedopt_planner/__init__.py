@@ -1,0 +1,1 @@
+"""The toolpath node and the planner node."""

@@ -1,0 +1,102 @@
+"""Paths for display in metres, the planner's figures as diagnostics, and the answers of the action."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from feedopt_core.arrays import FloatArray
+from feedopt_core.errors import ToolpathError
+from feedopt_core.feedrate.chunk import Chunk
+from feedopt_core.path.segments import Segment
+from feedopt_msgs.action import ExecuteProgram
+from feedopt_node.conversions import time_message
+from feedopt_node.faults import INFEASIBLE_PREFIX, PROGRAM_PREFIX
+from geometry_msgs.msg import Point, Pose, PoseStamped
+from nav_msgs.msg import Path
+
+DISPLAY_FRAME = "machine"
+MAX_DISPLAY_POINTS = 20_000
+_M_PER_MM = 1e-3
+
+
+@dataclass
+class DisplayPath:
+    """Points of the path as it is streamed, every ``spacing_mm``; spacing doubles where they grow too many."""
+
+    spacing_mm: float
+    _points_mm: list[FloatArray] = field(default_factory=list)
+    _count: int = 0
+
+    def add(self, segment: Segment) -> None:
+        """Sample one more segment."""
+        steps = max(1, int(np.ceil(segment.length_mm / self.spacing_mm)))
+        s_mm = np.linspace(0.0, segment.length_mm, steps + 1)
+        points_mm = segment.evaluate(s_mm if not self._points_mm else s_mm[1:]).r_mm
+        self._points_mm.append(points_mm)
+        self._count += len(points_mm)
+        if self._count > MAX_DISPLAY_POINTS:
+            every = np.concatenate(self._points_mm)
+            thinned = np.concatenate([every[:-1:2], every[-1:]])
+            self._points_mm, self._count, self.spacing_mm = [thinned], len(thinned), 2.0 * self.spacing_mm
+
+    def to_message(self, now_ns: int) -> Path:
+        """The path in metres; z is 0 on plane machines."""
+        message = Path()
+        message.header.stamp = time_message(now_ns)
+        message.header.frame_id = DISPLAY_FRAME
+        points_m = np.concatenate(self._points_mm) * _M_PER_MM if self._points_mm else np.zeros((0, 3))
+        points_m = np.pad(points_m, ((0, 0), (0, 3 - points_m.shape[1])))
+        message.poses = [
+            PoseStamped(header=message.header, pose=Pose(position=Point(x=x, y=y, z=z))) for x, y, z in points_m.tolist()
+        ]
+        return message
+
+
+def chunk_diagnostics(chunk: Chunk, now_ns: int) -> DiagnosticArray:
+    """Cost and certificate of one chunk; WARN where it is a fallback."""
+    figures, certificate = chunk.figures, chunk.certificate
+    values = {
+        "chunk": str(chunk.sequence),
+        "method": figures.method,
+        "variables": str(figures.variables),
+        "rows": str(figures.rows),
+        "iterations": str(figures.iterations),
+        "solve_time_s": f"{figures.solve_time_s:.6f}",
+        "audit_time_s": f"{figures.audit_time_s:.6f}",
+        "worst_ratio": f"{certificate.worst_ratio:.6f}",
+        "worst_quantity": certificate.worst_quantity,
+        "worst_axis": certificate.worst_axis,
+        "worst_s_mm": f"{certificate.worst_s_mm:.6f}",
+    }
+    status = DiagnosticStatus(
+        level=DiagnosticStatus.WARN if figures.fallback else DiagnosticStatus.OK,
+        name="planner",
+        message="no new plan: the stop of the chunk before is committed" if figures.fallback else "planned",
+        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+    )
+    array = DiagnosticArray(status=[status])
+    array.header.stamp = time_message(now_ns)
+    return array
+
+
+def refused_program(error: ToolpathError) -> ExecuteProgram.Result:
+    """Result of a program that cannot be read, with the place of the error."""
+    return ExecuteProgram.Result(
+        outcome=ExecuteProgram.Result.REJECTED_PROGRAM,
+        message=str(error),
+        line=max(0, error.line),
+        column=max(0, error.column),
+    )
+
+
+def failed_program(node: str, text: str) -> ExecuteProgram.Result:
+    """Result of a program that a node reported a FAULT for."""
+    for prefix, outcome in (
+        (INFEASIBLE_PREFIX, ExecuteProgram.Result.INFEASIBLE),
+        (PROGRAM_PREFIX, ExecuteProgram.Result.REJECTED_PROGRAM),
+    ):
+        if text.startswith(prefix):
+            return ExecuteProgram.Result(outcome=outcome, message=text.removeprefix(prefix))
+    return ExecuteProgram.Result(outcome=ExecuteProgram.Result.FAULT, message=f"{node}: {text}")

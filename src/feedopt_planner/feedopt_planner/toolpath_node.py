@@ -1,0 +1,260 @@
+"""The toolpath node: serves the action, reads a program and streams the segments of its smoothed toolpath."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from feedopt_core.config.machine import load_machine
+from feedopt_core.errors import FeedoptError, ToolpathError
+from feedopt_core.path.segments import Segment
+from feedopt_core.toolpath.program import open_program, read_program
+from feedopt_msgs.action import ExecuteProgram
+from feedopt_msgs.msg import NodeStatus
+from feedopt_node.conversions import segment_to_message
+from feedopt_node.graph_node import GraphNode
+from feedopt_node.parameters import MachineNodeParameters, parameter
+from feedopt_node.run import run_node
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
+
+from feedopt_planner.conversions import DisplayPath, failed_program, refused_program
+
+NODE_NAME = "toolpath"
+ACTION = "/execute_program"
+# Statuses of the peers wake the program; this is only how often silence and shutdown are looked for.
+WAIT_PERIOD_S = 0.1
+# One thread streams the program, one takes statuses, one answers the client.
+THREADS = 3
+
+Result = ExecuteProgram.Result
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToolpathNodeParameters(MachineNodeParameters):
+    """Parameters of the toolpath node."""
+
+    segments_ahead: int = parameter(
+        "Segments published beyond the last one the planner took.", default=200, range=(1, 900)
+    )
+    display_spacing_mm: float = parameter(
+        "Distance between the points of the displayed path.", default=0.5, unit="mm", range=(1e-3, 1e3)
+    )
+
+
+class ProgramStopped(Exception):  # noqa: N818 (an outcome, not an error)
+    """The program ends early with this result; ``canceled``: at the client's wish."""
+
+    def __init__(self, result: Result, *, canceled: bool = False) -> None:
+        super().__init__(result.message)
+        self.result = result
+        self.canceled = canceled
+
+
+@dataclass
+class RunningProgram:
+    """The program being executed."""
+
+    goal: ServerGoalHandle
+    display: DisplayPath
+    program_id: int = 0
+    segments: int = 0
+    s_mm: float = 0.0
+    fault: Result | None = field(default=None)
+
+
+class ToolpathNode(GraphNode[ToolpathNodeParameters]):
+    """Executes one program at a time."""
+
+    def __init__(self) -> None:
+        super().__init__(NODE_NAME, ToolpathNodeParameters)
+        self._dimensions = load_machine(self.parameters.machine).dimensions
+        self._changed = threading.Condition()
+        self._running: RunningProgram | None = None
+        self._accepted = False
+        self._closing = False
+        self._segments = self.publish_topic("/toolpath")
+        self._display = self.publish_topic("/toolpath_display")
+        self.life.on_peer(self._take_status)
+        self.life.progress_from(self._progress)
+        self._action = ActionServer(
+            self,
+            ExecuteProgram,
+            ACTION,
+            execute_callback=self._execute,
+            goal_callback=self._take_goal,
+            cancel_callback=self._take_cancel,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    def close(self) -> None:
+        """Let a program in execution end at once."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+
+    def _take_goal(self, request: ExecuteProgram.Goal) -> GoalResponse:
+        with self._changed:
+            if self._accepted:
+                self.get_logger().warning("goal refused: another program is being executed")
+                return GoalResponse.REJECT
+            self._accepted = True
+        return GoalResponse.ACCEPT
+
+    def _take_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        with self._changed:
+            self._changed.notify_all()
+        return CancelResponse.ACCEPT
+
+    def _execute(self, goal: ServerGoalHandle) -> Result:
+        run = RunningProgram(goal, DisplayPath(self.parameters.display_spacing_mm))
+        try:
+            result = self._run(run)
+        finally:
+            with self._changed:
+                self._accepted = False
+                self._running = None
+        result.program_id = run.program_id
+        result.segments = run.segments
+        result.path_length_mm = run.s_mm
+        result.motion_time_s = self._peer_value("planner", run, "motion_time_s")
+        return result
+
+    def _run(self, run: RunningProgram) -> Result:
+        """Stream the program and wait for its end; whatever stops it early becomes the result."""
+        try:
+            # The nodes say READY one after the other; a goal that comes in between waits for the last of them.
+            self._wait(run, lambda: self.life.peers_ready() is None)
+            run.program_id = self._next_program_id()
+            with self._changed:
+                self._running = run
+            self.life.begin_program(run.program_id)
+            for segment in self._read(run.goal.request):
+                self._wait(run, lambda: self._room(run))
+                self._publish(run, segment)
+            self._display.publish(run.display.to_message(self.get_clock().now().nanoseconds))
+            self._wait(run, lambda: self._motion_over(run))
+        except ProgramStopped as stop:
+            result, canceled = stop.result, stop.canceled
+        except ToolpathError as error:
+            result, canceled = refused_program(error), False
+        except FeedoptError as error:
+            result, canceled = Result(outcome=Result.FAULT, message=f"{NODE_NAME}: {error}"), False
+        else:
+            self.life.report(state=NodeStatus.DONE)
+            run.goal.succeed()
+            return Result(outcome=Result.SUCCEEDED)
+        self.get_logger().warning(f"program {run.program_id}: {result.message}")
+        # The others take this as the end of the stream and come to rest on the path.
+        self.life.report(state=NodeStatus.FAULT, text=result.message)
+        self._wait_for_rest(run)
+        if self.context.ok():
+            (run.goal.canceled if canceled else run.goal.abort)()
+        return result
+
+    def _read(self, request: ExecuteProgram.Goal) -> Iterator[Segment]:
+        if request.path:
+            path = Path(request.path)
+            return read_program(open_program(path), request.name or str(path), self._dimensions)
+        return read_program(request.text, request.name or "program text", self._dimensions)
+
+    def _publish(self, run: RunningProgram, segment: Segment) -> None:
+        message = segment_to_message(segment, run.program_id)
+        message.stamp = self.get_clock().now().to_msg()
+        self._segments.publish(message)
+        run.segments = segment.place.sequence
+        run.s_mm = segment.place.s_start_mm + segment.length_mm
+        run.display.add(segment)
+
+    def _wait(self, run: RunningProgram, condition: Any) -> None:
+        """Wait for a condition that statuses of the peers bring about. Raises ProgramStopped."""
+        with self._changed:
+            while True:
+                if run.fault is not None:
+                    raise ProgramStopped(run.fault)
+                if run.goal.is_cancel_requested:
+                    raise ProgramStopped(Result(outcome=Result.CANCELED, message="canceled by the client"), canceled=True)
+                silent = self.life.silent_peer()
+                if silent is not None:
+                    raise ProgramStopped(failed_program(silent, "has fallen silent; its log tells why"))
+                if self._closing:
+                    raise ProgramStopped(failed_program(NODE_NAME, "was shut down"))
+                if condition():
+                    return
+                self._changed.wait(WAIT_PERIOD_S)
+
+    def _wait_for_rest(self, run: RunningProgram) -> None:
+        """After an early end: wait until the machine rests, as far as those who know it are alive."""
+        with self._changed:
+            while run.segments and not (self._motion_over(run) or self.life.silent_peer() or self._closing):
+                self._changed.wait(WAIT_PERIOD_S)
+
+    def _room(self, run: RunningProgram) -> bool:
+        taken = self._peer_value("planner", run, "last_input_sequence")
+        return run.segments < taken + self.parameters.segments_ahead
+
+    def _motion_over(self, run: RunningProgram) -> bool:
+        """The interpolator has ended the program, and the router has followed its last set point."""
+        interpolator = self._peer("interpolator", run)
+        if interpolator is None or interpolator.state not in (NodeStatus.DONE, NodeStatus.FAULT):
+            return False
+        nothing_moves = interpolator.state == NodeStatus.FAULT or interpolator.last_output_sequence == 0
+        if nothing_moves or "router_sim" not in self.life.present:
+            return True
+        router = self._peer("router_sim", run)
+        return router is not None and router.state in (NodeStatus.DONE, NodeStatus.FAULT)
+
+    def _take_status(self, status: NodeStatus) -> None:
+        with self._changed:
+            run = self._running
+            if run is None or status.program_id != run.program_id:
+                return
+            if status.state == NodeStatus.FAULT and run.fault is None:
+                run.fault = failed_program(status.node, status.text)
+            self._changed.notify_all()
+            if run.goal.is_active:
+                self._send_feedback(run)
+
+    def _send_feedback(self, run: RunningProgram) -> None:
+        run.goal.publish_feedback(
+            ExecuteProgram.Feedback(
+                program_id=run.program_id,
+                segments_published=run.segments,
+                s_published_mm=run.s_mm,
+                s_committed_mm=float(self._peer_value("planner", run, "s_mm")),
+                s_commanded_mm=float(self._peer_value("interpolator", run, "s_mm")),
+                motion_time_s=float(self._peer_value("interpolator", run, "motion_time_s")),
+            )
+        )
+
+    def _next_program_id(self) -> int:
+        """Beyond every number a peer remembers: this node may have been started anew."""
+        statuses = [self.life.peers.get(name) for name in self.life.present]
+        return 1 + max([self.life.program_id, *(int(status.program_id) for status in statuses if status is not None)])
+
+    def _peer(self, name: str, run: RunningProgram) -> NodeStatus | None:
+        status = self.life.peers.get(name)
+        return status if status is not None and status.program_id == run.program_id else None
+
+    def _peer_value(self, name: str, run: RunningProgram, value: str) -> Any:
+        """A value of a peer's status, 0 where it does not belong to the program yet."""
+        status = self._peer(name, run)
+        return 0 if status is None else getattr(status, value)
+
+    def _progress(self) -> dict[str, Any]:
+        run = self._running
+        return {} if run is None else {"last_output_sequence": run.segments, "s_mm": run.s_mm}
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(ToolpathNode, threads=THREADS))
+
+
+if __name__ == "__main__":
+    main()
