@@ -1,0 +1,1 @@
+"""The 1 kHz interpolator node."""

@@ -1,0 +1,59 @@
+"""Set points to messages, cheap enough for 1 kHz, and the figures of the interpolator as diagnostics."""
+
+from __future__ import annotations
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from feedopt_core.interpolation.setpoints import SetpointBlock
+from feedopt_msgs.msg import AxisSetpoint
+from feedopt_node.conversions import doubles, time_message
+
+_NANOSECONDS = 1_000_000_000
+
+
+class SetpointRows:
+    """One block of set points, converted ahead of time so that a tick only fills one message."""
+
+    def __init__(self, block: SetpointBlock) -> None:
+        self.finished = block.finished
+        self._axes = block.position_mm.shape[1]
+        self._position_mm = doubles(block.position_mm)
+        self._velocity_mm_s = doubles(block.velocity_mm_s)
+        self._acceleration_mm_s2 = doubles(block.acceleration_mm_s2)
+        self._tick = block.tick.tolist()
+        self._chunk_sequence = block.chunk_sequence.tolist()
+        self._s_mm = block.s_mm.tolist()
+        self._v_mm_s = block.v_mm_s.tolist()
+
+    def __len__(self) -> int:
+        return len(self._tick)
+
+    def fill(self, row: int, message: AxisSetpoint) -> None:
+        """Write one set point into a message; program, sequence, stamp and lateness are the publisher's."""
+        span = slice(row * self._axes, (row + 1) * self._axes)
+        message.tick = self._tick[row]
+        message.chunk_sequence = self._chunk_sequence[row]
+        message.s_mm = self._s_mm[row]
+        message.feedrate_mm_s = self._v_mm_s[row]
+        message.position_mm = self._position_mm[span]
+        message.velocity_mm_s = self._velocity_mm_s[span]
+        message.acceleration_mm_s2 = self._acceleration_mm_s2[span]
+        message.last = self.finished and row == len(self._tick) - 1
+
+
+def stamp(message: AxisSetpoint, due_ns: int) -> None:
+    """Write the wall-clock time a set point was due, ns since the epoch, without making a new stamp."""
+    message.stamp.sec = due_ns // _NANOSECONDS
+    message.stamp.nanosec = due_ns % _NANOSECONDS
+
+
+def diagnostics(figures: dict[str, str], now_ns: int) -> DiagnosticArray:
+    """Figures of the interpolator by name."""
+    status = DiagnosticStatus(
+        level=DiagnosticStatus.OK,
+        name="interpolator",
+        message="ticks",
+        values=[KeyValue(key=key, value=value) for key, value in figures.items()],
+    )
+    array = DiagnosticArray(status=[status])
+    array.header.stamp = time_message(now_ns)
+    return array

@@ -1,0 +1,96 @@
+"""Set points of one program between two threads: inputs from the executor, ticks from the real-time thread. Free of ROS."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+from feedopt_core.config.machine import Machine
+from feedopt_core.feedrate.chunk import Chunk
+from feedopt_core.interpolation.setpoints import InterpolatorParameters, SetpointBlock, SetpointStream
+from feedopt_core.path.segments import Segment
+
+
+class ProgramMotion:
+    """Guards the set-point stream of one program.
+
+    Args:
+        program_id: the program.
+        machine, parameters: of the stream.
+        start_ahead_s: motion that must be committed before the first set point, unless the program is shorter.
+
+    Attributes:
+        program_id: the program.
+        fault: why the program is to end with a FAULT; empty: it is not.
+    """
+
+    def __init__(
+        self, program_id: int, machine: Machine, parameters: InterpolatorParameters, start_ahead_s: float
+    ) -> None:
+        self.program_id = program_id
+        self.fault = ""
+        self._stream = SetpointStream(machine, parameters)
+        self._waiting: deque[Chunk] = deque()
+        self._last_segment = 0
+        self._start_ahead_s = start_ahead_s
+        self._may_start = False
+        self._abandoned = False
+        self._changed = threading.Condition()
+
+    @property
+    def motion_time_s(self) -> float:
+        """Program time reached."""
+        return self._stream.motion_time_s
+
+    @property
+    def starved_chunk_sequence(self) -> int:
+        """Chunk whose stop was taken because no further one came in time; 0: none."""
+        return self._stream.starved_chunk_sequence
+
+    def add_segment(self, segment: Segment) -> None:
+        """Take in the next segment. Raises ToolpathError where it does not join the one before."""
+        with self._changed:
+            self._stream.add_segment(segment)
+            self._last_segment = segment.place.sequence
+            self._admit()
+
+    def add_chunk(self, chunk: Chunk) -> None:
+        """Take in the next chunk; it waits until the path it leads over is here, as topics keep no order among them.
+
+        Raises:
+            ToolpathError: it does not continue the ones before.
+        """
+        with self._changed:
+            self._waiting.append(chunk)
+            self._admit()
+
+    def abandon(self, fault: str = "") -> None:
+        """No further chunk will come: come to rest on the path with the stop that is there, and end."""
+        with self._changed:
+            self._abandoned = True
+            self.fault = self.fault or fault
+            self._changed.notify_all()
+
+    def next_block(self, count: int) -> SetpointBlock | None:
+        """The next set points; waits for the first ones. None where the program was abandoned before there were any.
+
+        Raises:
+            FeedoptError: they cannot be computed.
+        """
+        with self._changed:
+            while not self._may_start or (block := self._stream.next_block(count)) is None:
+                if self._abandoned:
+                    return None
+                self._changed.wait()
+            if self._abandoned and self.starved_chunk_sequence and not np.any(block.v_mm_s):
+                return replace(block, finished=True)
+            return block
+
+    def _admit(self) -> None:
+        while self._waiting and self._waiting[0].last_segment_sequence <= self._last_segment:
+            chunk = self._waiting.popleft()
+            self._stream.add_chunk(chunk)
+            self._may_start = self._may_start or chunk.last or chunk.t_commit_s >= self._start_ahead_s
+            self._changed.notify_all()

@@ -1,0 +1,43 @@
+"""Absolute sleeps and real-time priority, straight from Linux."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+
+_CLOCK_MONOTONIC = 1
+_TIMER_ABSTIME = 1
+_NANOSECONDS = 1_000_000_000
+_LIBC = ctypes.CDLL(None, use_errno=True)
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = [("tv_sec", ctypes.c_long), ("tv_nsec", ctypes.c_long)]
+
+
+def sleep_until(deadline_ns: int) -> None:
+    """Sleep until an instant of the monotonic clock, ns; returns at once when it has passed.
+
+    The deadline is absolute, so lateness of one tick never adds up to the next. The interpreter lock is free meanwhile.
+    """
+    deadline = _Timespec(*divmod(deadline_ns, _NANOSECONDS))
+    while True:
+        code = _LIBC.clock_nanosleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(deadline), None)
+        if code == 0:
+            return
+        if code != errno.EINTR:
+            raise OSError(code, f"clock_nanosleep: {os.strerror(code)}")
+
+
+def request_real_time_priority(priority: int) -> str:
+    """Put the calling thread under SCHED_FIFO.
+
+    Returns:
+        Empty if granted; else why not. Ticks are then only as punctual as the other processes let them be.
+    """
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError as error:
+        return f"no real-time priority ({error.strerror}); allow it with an rtprio line in /etc/security/limits.conf"
+    return ""

@@ -1,0 +1,89 @@
+"""Set points computed ahead of their ticks, in a thread of their own: one block takes longer than a period."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+
+from feedopt_interpolator.conversions import SetpointRows
+from feedopt_interpolator.program_motion import ProgramMotion
+from feedopt_interpolator.real_time import request_real_time_priority
+
+BLOCK_TICKS = 20
+BLOCKS_AHEAD = 2
+
+
+class SetpointBuffer:
+    """Holds the next blocks of a program, ready to be published.
+
+    Args:
+        motion: the program.
+        priority: SCHED_FIFO priority of the computing thread.
+        starved: called from that thread when the motion takes a stop because no further chunk came.
+    """
+
+    def __init__(self, motion: ProgramMotion, priority: int, starved: Callable[[ProgramMotion], None]) -> None:
+        self._motion = motion
+        self._priority = priority
+        self._starved = starved
+        self._blocks: deque[SetpointRows] = deque()
+        self._error: Exception | None = None
+        self._ended = False
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name="set points", daemon=True)
+
+    def start(self) -> None:
+        """Start computing."""
+        self._thread.start()
+
+    def take(self) -> SetpointRows | None:
+        """The next block, waiting for it; None after the last.
+
+        Raises:
+            Exception: what went wrong while it was computed.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._blocks or self._ended)
+            if self._blocks:
+                self._changed.notify()
+                return self._blocks.popleft()
+            if self._error is not None:
+                raise self._error
+            return None
+
+    def close(self) -> None:
+        """Stop computing."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+        self._motion.abandon()
+        self._thread.join()
+
+    def _run(self) -> None:
+        request_real_time_priority(self._priority)
+        starved = 0
+        try:
+            while (rows := self._next()) is not None:
+                with self._changed:
+                    self._blocks.append(rows)
+                    self._changed.notify()
+                if self._motion.starved_chunk_sequence != starved:
+                    starved = self._motion.starved_chunk_sequence
+                    self._starved(self._motion)
+                if rows.finished:
+                    break
+        # Handed on to the thread that takes: it answers for the program.
+        except Exception as error:  # noqa: BLE001
+            self._error = error
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+
+    def _next(self) -> SetpointRows | None:
+        with self._changed:
+            self._changed.wait_for(lambda: len(self._blocks) < BLOCKS_AHEAD or self._ended)
+            if self._ended:
+                return None
+        block = self._motion.next_block(BLOCK_TICKS)
+        return None if block is None else SetpointRows(block)
