@@ -26,7 +26,7 @@ from feedopt_core.solvers.banded_interior_point import FixedStart, RestEnd, Time
 _POINTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 _BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90.0
 _CHECK_POINTS = np.linspace(0.0, 1.0, 13)
-_MARGIN = 3e-4
+_MARGIN = 5e-4
 _RELAXED_MM = 20.0
 _REPAIRS = 4
 
@@ -43,7 +43,7 @@ class KinematicMethod:
 
     limits: KinematicLimits
     knot_spacing_mm: float
-    allowed_ratio: float = 1.0001
+    allowed_ratio: float = 1.0
     name: str = "lp"
 
     def plan(self, toolpath: Toolpath, window: Window) -> WindowPlan:
