@@ -224,7 +224,7 @@ colcon_build() { # PACKAGE...
         if [[ $ros_origin == wheels ]]; then
             export CMAKE_PREFIX_PATH=$venv
         fi
-        "$venv/bin/python" -m colcon --log-base log/colcon build --base-paths config src --merge-install \
+        exec "$venv/bin/python" -m colcon --log-base log/colcon build --base-paths config src --merge-install \
             --symlink-install --event-handlers console_cohesion+ --packages-select "$@" --cmake-args "${cmake_args[@]}"
     )
 }
