@@ -1,0 +1,1 @@
+"""The feedopt command: recording, bags, replay, Rerun views, identification, export."""

@@ -1,0 +1,1 @@
+"""Recorded runs: reading them into numpy, checking and mending them."""

@@ -1,0 +1,29 @@
+"""What can be wrong with a bag."""
+
+from __future__ import annotations
+
+from feedopt_core.errors import FeedoptError
+
+
+class BagError(FeedoptError):
+    """Root of every error about a recorded bag; the message names the file and the way out."""
+
+
+class BagMissingError(BagError):
+    """There is no bag where one was named."""
+
+
+class BagEmptyError(BagError):
+    """The bag holds no message, or none of the topics that were asked for."""
+
+
+class BagTruncatedError(BagError):
+    """The file ends before its footer, or a record inside it is damaged."""
+
+
+class BagForeignError(BagError):
+    """The file is no MCAP, or holds other messages than those of feedopt."""
+
+
+class BagWriteError(BagError):
+    """The bag cannot be created or written any further; what could be saved was saved."""

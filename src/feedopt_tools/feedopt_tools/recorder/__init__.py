@@ -1,0 +1,1 @@
+"""Recording every topic of the graph, raw, into rosbag2-compatible MCAP."""

@@ -1,0 +1,1 @@
+"""Looking at a recorded run: Rerun recordings, their layout, and pictures."""
