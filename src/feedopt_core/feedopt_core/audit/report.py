@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
@@ -42,7 +43,7 @@ class AuditReport:
     @property
     def worst(self) -> AuditRow:
         """Row with the largest ratio."""
-        return max(self.rows, key=lambda row: row.ratio)
+        return max(self.rows, key=_severity)
 
     @property
     def holds(self) -> bool:
@@ -64,7 +65,11 @@ def merge(reports: Iterable[AuditReport]) -> AuditReport:
     for report in reports:
         for row in report.rows:
             key = (row.grid, row.axis, row.quantity)
-            # A ratio that is not a number counts as the worst of all: it must never be lost in a comparison.
-            if key not in worst or not row.ratio <= worst[key].ratio:
+            if key not in worst or _severity(row) > _severity(worst[key]):
                 worst[key] = row
     return AuditReport(tuple(worst.values()))
+
+
+def _severity(row: AuditRow) -> float:
+    """Order of badness; a ratio that is not a number is the worst of all and must never be lost in a comparison."""
+    return math.inf if math.isnan(row.ratio) else row.ratio

@@ -44,11 +44,13 @@ def find_config(folder: str, name_or_path: str, suffix: str = ".yaml") -> Path:
         ConfigError: no such file; the message lists the names there are.
     """
     path = Path(name_or_path)
-    if path.is_file():
-        return path
     directory = config_directory() / folder
-    named = directory / (name_or_path if name_or_path.endswith(suffix) else name_or_path + suffix)
-    if named.is_file() and named.parent == directory:
-        return named
-    known = ", ".join(sorted(entry.stem for entry in directory.glob(f"*{suffix}")))
-    raise ConfigError(f"{name_or_path}: neither a file nor one of the names in {folder}: {known}")
+    known = {entry.stem: entry for entry in sorted(directory.glob(f"*{suffix}"))}
+    try:
+        if path.is_file():
+            return path
+    except OSError as error:
+        raise ConfigError(f"{name_or_path[:40]}...: {error.strerror}") from error
+    if (name := name_or_path.removesuffix(suffix)) in known:
+        return known[name]
+    raise ConfigError(f"{name_or_path}: neither a file nor one of the names in {folder}: {', '.join(known)}")

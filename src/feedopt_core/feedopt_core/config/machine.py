@@ -203,6 +203,10 @@ class _MachineSection:
         # YAML 1.1 reads 1e-3 without a dot as text; say so instead of failing on a type.
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ConfigError(f"{self.source}: {place} is {value!r}, must be a number (YAML needs a dot: 1.0e-3)")
-        if not math.isfinite(value):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
             raise ConfigError(f"{self.source}: {place} is {value!r}, must be finite")
-        return float(value)
+        return number

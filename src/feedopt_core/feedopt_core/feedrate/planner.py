@@ -154,9 +154,11 @@ class StreamPlanner:
         Chunks planned behind that stop are void; the interpolator refuses them. Where the chunk itself ended at rest,
         the next one starts there anyway and nothing changes.
         """
-        if chunk_sequence not in self._stops:
+        # Taken out: the machine takes a stop once, however often it is told of.
+        stop = self._stops.pop(chunk_sequence, None)
+        if stop is None:
             return
-        s_mm, t_s = self._stops[chunk_sequence]
+        s_mm, t_s = stop
         self._committed = _Committed(s_mm, t_s, sequence=self._committed.sequence)
         self.finished = self.toolpath.complete and s_mm >= self.toolpath.end_mm
 
@@ -216,6 +218,8 @@ class StreamPlanner:
         stop = chunk.profile[count:] if count < len(chunk.profile.kind) else None
         state = None if stop is None else StartState(float(stop.q_mm2_s2[0]), float(stop.dq_ds_mm_s2[0]))
         self._committed = _Committed(chunk.s_commit_mm, chunk.t_commit_s, state, stop, chunk.sequence)
+        # A fallback commits the stop of the chunk before: from now on the next chunk starts there in any case.
+        self._stops = {sequence: end for sequence, end in self._stops.items() if end[0] != chunk.s_commit_mm}
         if stop is not None:
             self._stops[chunk.sequence] = (chunk.s_stop_mm, chunk.t_start_s + chunk.profile.duration_s)
         self.finished = chunk.last

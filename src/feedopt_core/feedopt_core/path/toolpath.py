@@ -127,9 +127,16 @@ class Toolpath:
 
 
 def _check_joint(before: Segment, after: Segment) -> None:
+    name, line = f"segment {after.place.sequence}", after.place.source_line
+    if before.place.last:
+        raise ToolpathError(f"{name} comes after the last one of its program", line=line)
+    expected_mm = before.place.s_start_mm + before.length_mm
+    if not abs(after.place.s_start_mm - expected_mm) <= JOINT_TOLERANCE_MM * max(1.0, expected_mm):
+        raise ToolpathError(
+            f"{name} starts at s = {after.place.s_start_mm:g} mm, the one before ends at {expected_mm:g} mm", line=line
+        )
     end, start = before.evaluate(np.array([before.length_mm])), after.evaluate(np.zeros(1))
     gap_mm = float(np.linalg.norm(start.r_mm - end.r_mm))
-    name, line = f"segment {after.place.sequence}", after.place.source_line
     if not gap_mm <= JOINT_TOLERANCE_MM * max(1.0, float(np.max(np.abs(end.r_mm)))):
         raise ToolpathError(f"{name} starts {gap_mm:g} mm from the end of the one before", line=line)
     turn = float(np.linalg.norm(start.dr_ds - end.dr_ds))

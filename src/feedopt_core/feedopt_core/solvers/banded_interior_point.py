@@ -183,7 +183,9 @@ def minimise_time(
     Raises:
         SolverError: no convergence; the limits may be infeasible. The message holds the residuals.
     """
-    return _InteriorPoint(problem, initial).solve(tolerance, feasibility, max_iterations)
+    # An infeasible problem diverges; that is found by the residuals, not by warnings.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _InteriorPoint(problem, initial).solve(tolerance, feasibility, max_iterations)
 
 
 class _InteriorPoint:
