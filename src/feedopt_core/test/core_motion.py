@@ -42,7 +42,9 @@ class PlannedPath:
 
     def fine_audit(self) -> AuditReport:
         """Fine-grid audit of every chunk, its stop included."""
-        return merge(audit_profile(self.toolpath, chunk.profile, self.machine, chunk.t_start_s) for chunk in self.chunks)
+        return merge(
+            audit_profile(self.toolpath, chunk.profile, self.machine, chunk.t_start_s) for chunk in self.chunks
+        )
 
 
 def plan_path(

@@ -72,7 +72,9 @@ def planar(
     tangent = np.array([np.cos(heading_rad), np.sin(heading_rad)])
     normal = np.array([-tangent[1], tangent[0]])
     at = place or SegmentPlace(1, 1, 0.0, last=True)
-    return PlanarSegment(kind, at, length_mm, np.array(start, dtype=float), tangent, normal, np.zeros(2), curvature, sharpness)
+    return PlanarSegment(
+        kind, at, length_mm, np.array(start, dtype=float), tangent, normal, np.zeros(2), curvature, sharpness
+    )
 
 
 def line(length_mm: float, heading_rad: float = 0.0, feed_limit_mm_s: float = INFINITY) -> PlanarSegment:

@@ -24,7 +24,12 @@ LIMITS = ("velocity_limit_mm_s", "acceleration_limit_mm_s2", "jerk_limit_mm_s3")
 
 def section(**changes: Any) -> dict[str, Any]:
     """Keys of a good machine of two axes with a drive model; a change to None removes a key."""
-    keys: dict[str, Any] = {"name": "bench", "axis_names": ["X", "Y"], "coordinate": ["x", "y"], "feed_limit_mm_s": 150.0}
+    keys: dict[str, Any] = {
+        "name": "bench",
+        "axis_names": ["X", "Y"],
+        "coordinate": ["x", "y"],
+        "feed_limit_mm_s": 150.0,
+    }
     keys |= {key: [100.0, 200.0] for key in (*LIMITS, *DRIVE_LIMITS)}
     keys |= {key: [0.1, 0.2] for key in MODEL_KEYS}
     keys |= changes
@@ -90,7 +95,9 @@ def test_machine_without_models_has_none_of_them() -> None:
 
 
 def test_each_model_may_stand_alone() -> None:
-    drive_only = parse_machine(text(section(**dict.fromkeys((*TRACKING_KEYS, "tracking_error_limit_mm")))), "bench.yaml")
+    drive_only = parse_machine(
+        text(section(**dict.fromkeys((*TRACKING_KEYS, "tracking_error_limit_mm")))), "bench.yaml"
+    )
     assert drive_only.drive is not None
     assert drive_only.tracking is None
     tracking_only = parse_machine(text(section(**dict.fromkeys((*DRIVE_KEYS, "control_limit_volts")))), "bench.yaml")
@@ -149,8 +156,17 @@ def test_row_needs_one_value_an_axis(key: str, value: object) -> None:
     assert f"{key} needs 2 values, one for each of X, Y" in refusal(section(**{key: value}))
 
 
-@pytest.mark.parametrize(("value", "complaint"), [(0, "must be above zero"), (-1.5, "must be above zero"), (float("nan"), "must be finite"),
-                                                  ("150", "must be a number"), (True, "must be a number"), ([150.0], "must be a number")])
+@pytest.mark.parametrize(
+    ("value", "complaint"),
+    [
+        (0, "must be above zero"),
+        (-1.5, "must be above zero"),
+        (float("nan"), "must be finite"),
+        ("150", "must be a number"),
+        (True, "must be a number"),
+        ([150.0], "must be a number"),
+    ],
+)
 def test_feed_limit_must_be_a_positive_number(value: object, complaint: str) -> None:
     message = refusal(section(feed_limit_mm_s=value))
     assert "feed_limit_mm_s is " in message
@@ -166,22 +182,27 @@ def test_axis_name_twice_is_refused() -> None:
     assert "axis_names has a name twice" in refusal(section(axis_names=["X", "X"]))
 
 
-@pytest.mark.parametrize(("value", "complaint"), [
-    (["x", "a"], "coordinate of axis Y is 'a', must be x, y or z"),
-    ([True, "y"], "coordinate of axis X is True, must be x, y or z"),
-    (["x"], "coordinate needs one of x, y, z for each of the 2 axes"),
-    ("xy", "coordinate needs one of x, y, z for each of the 2 axes"),
-    (["x", "x"], "no axis follows coordinate y"),
-    (["x", "z"], "no axis follows coordinate y"),
-    (["y", "z"], "no axis follows coordinate x"),
-])
+@pytest.mark.parametrize(
+    ("value", "complaint"),
+    [
+        (["x", "a"], "coordinate of axis Y is 'a', must be x, y or z"),
+        ([True, "y"], "coordinate of axis X is True, must be x, y or z"),
+        (["x"], "coordinate needs one of x, y, z for each of the 2 axes"),
+        ("xy", "coordinate needs one of x, y, z for each of the 2 axes"),
+        (["x", "x"], "no axis follows coordinate y"),
+        (["x", "z"], "no axis follows coordinate y"),
+        (["y", "z"], "no axis follows coordinate x"),
+    ],
+)
 def test_impossible_coordinate_is_named(value: object, complaint: str) -> None:
     assert complaint in refusal(section(coordinate=value))
 
 
-@pytest.mark.parametrize("document", ["", "[]", "7", "machine: {}", "/**: {ros__parameters: {}}", "/**: [1]", "just text"])
+@pytest.mark.parametrize(
+    "document", ["", "[]", "7", "machine: {}", "/**: {ros__parameters: {}}", "/**: [1]", "just text"]
+)
 def test_file_without_the_section_is_refused(document: str) -> None:
-    with pytest.raises(ConfigError, match="bench.yaml: has no section"):
+    with pytest.raises(ConfigError, match=r"bench\.yaml: has no section"):
         parse_machine(document, "bench.yaml")
 
 
@@ -192,7 +213,7 @@ def test_section_must_be_a_mapping(content: str) -> None:
 
 
 def test_text_that_is_not_yaml_is_refused() -> None:
-    with pytest.raises(ConfigError, match="bench.yaml: not valid YAML"):
+    with pytest.raises(ConfigError, match=r"bench\.yaml: not valid YAML"):
         parse_machine("a: [1, 2\nb: }", "bench.yaml")
 
 
@@ -209,6 +230,15 @@ def test_unknown_machine_lists_the_known_ones(name: str) -> None:
         load_machine(name)
 
 
+def test_name_longer_than_any_file_name_is_unknown() -> None:
+    with pytest.raises(ConfigError, match=r"File name too long|neither a file nor one of the names"):
+        load_machine("a" * 300)
+
+
+def test_integer_beyond_all_floats_is_refused() -> None:
+    assert "feed_limit_mm_s is" in refusal(section(feed_limit_mm_s=10**400))
+
+
 def test_configuration_of_an_installed_workspace_comes_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh_location: None
 ) -> None:
@@ -221,6 +251,8 @@ def test_configuration_of_an_installed_workspace_comes_first(
     assert find_config("machines", "mine") == share / "machines" / "mine.yaml"
 
 
-def test_configuration_of_the_source_tree_needs_no_installation(monkeypatch: pytest.MonkeyPatch, fresh_location: None) -> None:
+def test_configuration_of_the_source_tree_needs_no_installation(
+    monkeypatch: pytest.MonkeyPatch, fresh_location: None
+) -> None:
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
     assert (config_directory() / "machines" / "case_a.yaml").is_file()

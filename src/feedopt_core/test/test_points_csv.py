@@ -18,33 +18,36 @@ def lines(text: str) -> list[str]:
     return text.splitlines(keepends=True)
 
 
-@pytest.mark.parametrize(("text", "line", "column", "cause"), [
-    ("", 1, 1, "holds no points; a toolpath needs two"),
-    ("\n \n\t\n", 1, 1, "holds no points"),
-    ("x_mm,y_mm\n", 1, 1, "holds no points"),
-    ("1,2\n", 1, 1, "holds one point only; a toolpath needs two"),
-    ("x_mm,y_mm\n\n1,2\n", 3, 1, "holds one point only"),
-    ("1,2\n3,nan\n", 2, 3, "nan is not a finite number"),
-    ("1,2\n3, NaN \n", 2, 4, "NaN is not a finite number"),
-    ("1,2\n-inf,4\n", 2, 1, "-inf is not a finite number"),
-    ("1,2\n3,1e999\n", 2, 3, "1e999 is not a finite number"),
-    ("1,2\n3.5,four\n", 2, 5, "'four' is not a number"),
-    ("1,2\n3,\n", 2, 3, "'' is not a number"),
-    ("1,2\n,4\n", 2, 1, "'' is not a number"),
-    ("1,2\n3,4;5,6\n", 2, 7, "has 3 fields, the lines before have 2"),
-    ("1,2\n3,4,5\n", 2, 5, "has 3 fields, the lines before have 2"),
-    ("1,2,3\n4,5\n", 2, 4, "has 2 fields, the lines before have 3"),
-    ("1,2\n\n3\n", 3, 2, "has 1 fields, the lines before have 2"),
-    ("1\n2\n", 1, 1, "needs x and y, or x, y and z, has 1 fields"),
-    ("1,2,3,4\n", 1, 1, "has 4 fields"),
-    ("1 2\n3 4\n", 1, 1, "has 1 fields"),
-    ("0,0\n1,2\n1,2.0\n3,4\n", 3, 1, "repeats the point of line 2; remove one of them"),
-    ("0,0\n\n\n-0.0,0\n3,4\n", 4, 1, "repeats the point of line 1"),
-    ("x,y\n1,2\n3,4\n", 1, 1, "'x' is not a number"),
-    ("1,2\nx_mm,y_mm\n3,4\n", 2, 1, "'x_mm' is not a number"),
-    ("G1 X10 Y20\nG1 X30 Y20\n", 1, 1, "has 1 fields"),
-    ("\x00\x01,2\n", 1, 1, "is not a number"),
-])
+@pytest.mark.parametrize(
+    ("text", "line", "column", "cause"),
+    [
+        ("", 1, 1, "holds no points; a toolpath needs two"),
+        ("\n \n\t\n", 1, 1, "holds no points"),
+        ("x_mm,y_mm\n", 1, 1, "holds no points"),
+        ("1,2\n", 1, 1, "holds one point only; a toolpath needs two"),
+        ("x_mm,y_mm\n\n1,2\n", 3, 1, "holds one point only"),
+        ("1,2\n3,nan\n", 2, 3, "nan is not a finite number"),
+        ("1,2\n3, NaN \n", 2, 4, "NaN is not a finite number"),
+        ("1,2\n-inf,4\n", 2, 1, "-inf is not a finite number"),
+        ("1,2\n3,1e999\n", 2, 3, "1e999 is not a finite number"),
+        ("1,2\n3.5,four\n", 2, 5, "'four' is not a number"),
+        ("1,2\n3,\n", 2, 3, "'' is not a number"),
+        ("1,2\n,4\n", 2, 1, "'' is not a number"),
+        ("1,2\n3,4;5,6\n", 2, 7, "has 3 fields, the lines before have 2"),
+        ("1,2\n3,4,5\n", 2, 5, "has 3 fields, the lines before have 2"),
+        ("1,2,3\n4,5\n", 2, 4, "has 2 fields, the lines before have 3"),
+        ("1,2\n\n3\n", 3, 2, "has 1 fields, the lines before have 2"),
+        ("1\n2\n", 1, 1, "needs x and y, or x, y and z, has 1 fields"),
+        ("1,2,3,4\n", 1, 1, "has 4 fields"),
+        ("1 2\n3 4\n", 1, 1, "has 1 fields"),
+        ("0,0\n1,2\n1,2.0\n3,4\n", 3, 1, "repeats the point of line 2; remove one of them"),
+        ("0,0\n\n\n-0.0,0\n3,4\n", 4, 1, "repeats the point of line 1"),
+        ("x,y\n1,2\n3,4\n", 1, 1, "'x' is not a number"),
+        ("1,2\nx_mm,y_mm\n3,4\n", 2, 1, "'x_mm' is not a number"),
+        ("G1 X10 Y20\nG1 X30 Y20\n", 1, 1, "has 1 fields"),
+        ("\x00\x01,2\n", 1, 1, "is not a number"),
+    ],
+)
 def test_wrong_file_is_refused_by_line_and_column(text: str, line: int, column: int, cause: str) -> None:
     with pytest.raises(ToolpathError) as caught:
         read_points(lines(text), "part.csv")
@@ -54,16 +57,19 @@ def test_wrong_file_is_refused_by_line_and_column(text: str, line: int, column: 
     assert str(error) == f"part.csv:{line}:{column}: {error.message}"
 
 
-@pytest.mark.parametrize("text", [
-    "0,1\n2,-3.5\n",
-    "x_mm,y_mm\n0,1\n2,-3.5\n",
-    "X_mm , Y_MM\n0,1\n2,-3.5\n",
-    "\ufeff0,1\n2,-3.5\n",
-    "\ufeffx_mm,y_mm\n0,1\n2,-3.5\n",
-    "0,1\r\n2,-3.5\r\n",
-    "\ufeffx_mm,y_mm\r\n\r\n0,1\r\n\r\n2,-3.5",
-    "  0 ,\t1 \n\n \n+2.0e0,-35e-1",
-])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0,1\n2,-3.5\n",
+        "x_mm,y_mm\n0,1\n2,-3.5\n",
+        "X_mm , Y_MM\n0,1\n2,-3.5\n",
+        "\ufeff0,1\n2,-3.5\n",
+        "\ufeffx_mm,y_mm\n0,1\n2,-3.5\n",
+        "0,1\r\n2,-3.5\r\n",
+        "\ufeffx_mm,y_mm\r\n\r\n0,1\r\n\r\n2,-3.5",
+        "  0 ,\t1 \n\n \n+2.0e0,-35e-1",
+    ],
+)
 def test_ways_of_writing_the_same_two_points(text: str) -> None:
     assert np.array_equal(read_points(lines(text), "part.csv").points_mm, [[0.0, 1.0], [2.0, -3.5]])
 
@@ -111,12 +117,17 @@ def test_reading_stops_at_one_point_too_many(monkeypatch: pytest.MonkeyPatch) ->
     assert len(taken) == 11
 
 
-@pytest.mark.parametrize(("data", "line", "column"), [
-    (b"\xff\xfe1\x00,\x002\x00", 1, 1),
-    (b"1,2\n3,4\n5,\xb56\n", 3, 3),
-    (b"1,2\r\n\x80\x81\x82", 2, 1),
-])
-def test_file_that_is_not_text_is_refused_at_the_first_bad_byte(tmp_path: Path, data: bytes, line: int, column: int) -> None:
+@pytest.mark.parametrize(
+    ("data", "line", "column"),
+    [
+        (b"\xff\xfe1\x00,\x002\x00", 1, 1),
+        (b"1,2\n3,4\n5,\xb56\n", 3, 3),
+        (b"1,2\r\n\x80\x81\x82", 2, 1),
+    ],
+)
+def test_file_that_is_not_text_is_refused_at_the_first_bad_byte(
+    tmp_path: Path, data: bytes, line: int, column: int
+) -> None:
     path = tmp_path / "part.csv"
     path.write_bytes(data)
     with pytest.raises(ToolpathError, match="is not UTF-8 text") as caught:
