@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
+
 from feedopt_core.arrays import FloatArray
 from feedopt_core.config.machine import DriveModel, Machine, TrackingModel
 from feedopt_core.feedrate.chunk import Certificate, Chunk, SolverFigures
@@ -37,8 +38,11 @@ _CHUNK_FIELDS = tuple(
     entry.name for entry in fields(Chunk) if entry.name not in ("profile", "certificate", "figures")
 )
 _FIGURES = tuple(entry.name for entry in fields(SolverFigures))
+_PLACE_FIELDS = tuple(entry.name for entry in fields(SegmentPlace))
 _DRIVE_FIELDS = tuple(entry.name for entry in fields(DriveModel))
 _TRACKING_FIELDS = tuple(entry.name for entry in fields(TrackingModel))
+
+_PLAIN: dict[str, Callable[[Any], object]] = {"boolean": bool, "uint": int, "int": int, "double": float, "string": str}
 
 _Model = TypeVar("_Model", DriveModel, TrackingModel)
 
@@ -63,36 +67,33 @@ def floats(field: Sequence[float]) -> FloatArray:
     return np.array(field, dtype=np.float64) if not isinstance(field, array) else np.frombuffer(field).copy()
 
 
+def set_plain(message: Any, name: str, value: object) -> None:
+    """Set a scalar field with the very type it has: rclpy does not check, and a wrong one aborts the process."""
+    setattr(message, name, _PLAIN[message.get_fields_and_field_types()[name].rstrip("0123456789")](value))
+
+
 def segment_to_message(segment: Segment, program_id: int) -> ToolpathSegment:
     """Segment of a program; the stamp is left to the publisher."""
     place = segment.place
-    message = ToolpathSegment(
-        program_id=program_id,
-        sequence=place.sequence,
-        source_line=place.source_line,
-        last=place.last,
-        exact_stop=place.exact_stop,
-        kind=int(segment.kind),
-        s_start_mm=place.s_start_mm,
-        length_mm=segment.length_mm,
-        feed_limit_mm_s=place.feed_limit_mm_s,
-    )
+    message = ToolpathSegment(program_id=program_id, kind=int(segment.kind), length_mm=float(segment.length_mm))
+    for name in _PLACE_FIELDS:
+        set_plain(message, name, getattr(place, name))
     if isinstance(segment, PlanarSegment):
         message.dimensions = len(segment.start_mm)
         for name in ("start_mm", "tangent", "normal", "rise"):
             setattr(message, name, doubles(getattr(segment, name)))
-        message.curvature_start_per_mm = segment.curvature_start_per_mm
-        message.sharpness_per_mm2 = segment.sharpness_per_mm2
+        set_plain(message, "curvature_start_per_mm", segment.curvature_start_per_mm)
+        set_plain(message, "sharpness_per_mm2", segment.sharpness_per_mm2)
         return message
     curve, arc_length_map = segment.curve, segment.arc_length_map
     message.dimensions = curve.control_points_mm.shape[1]
-    message.degree = curve.degree
+    set_plain(message, "degree", curve.degree)
     message.knots = doubles(curve.knots)
     message.control_points_mm = doubles(curve.control_points_mm)
     message.weights = doubles(curve.weights)
     message.map_s_mm = doubles(arc_length_map.s_mm)
     message.map_u = doubles(arc_length_map.coefficients)
-    message.map_error_mm = arc_length_map.error_mm
+    set_plain(message, "map_error_mm", arc_length_map.error_mm)
     return message
 
 
@@ -102,14 +103,7 @@ def segment_from_message(message: ToolpathSegment) -> Segment:
     Raises:
         ToolpathError: parameters that are no curve.
     """
-    place = SegmentPlace(
-        sequence=message.sequence,
-        source_line=message.source_line,
-        s_start_mm=message.s_start_mm,
-        feed_limit_mm_s=message.feed_limit_mm_s,
-        exact_stop=message.exact_stop,
-        last=message.last,
-    )
+    place = SegmentPlace(**{name: getattr(message, name) for name in _PLACE_FIELDS})
     kind = SegmentKind(message.kind)
     if kind is not SegmentKind.NURBS:
         return PlanarSegment(
@@ -139,16 +133,16 @@ def chunk_to_message(chunk: Chunk, program_id: int) -> FeedProfileChunk:
     """Feed-profile chunk of a program; the stamp is left to the publisher."""
     message = FeedProfileChunk(program_id=program_id)
     for name in _CHUNK_FIELDS:
-        setattr(message, name, getattr(chunk, name))
+        set_plain(message, name, getattr(chunk, name))
     message.kind = array("B", chunk.profile.kind.astype(np.uint8).tobytes())
     for name in _PROFILE_FIELDS:
         setattr(message, name, doubles(getattr(chunk.profile, name)))
     for name in _CERTIFICATE_ROWS:
         setattr(message, name, array("d", getattr(chunk.certificate, name)))
     for name in _CERTIFICATE_FIELDS:
-        setattr(message, name, getattr(chunk.certificate, name))
+        set_plain(message, name, getattr(chunk.certificate, name))
     for name in _FIGURES:
-        setattr(message, name, getattr(chunk.figures, name))
+        set_plain(message, name, getattr(chunk.figures, name))
     return message
 
 
@@ -162,8 +156,8 @@ def chunk_from_message(message: FeedProfileChunk) -> Chunk:
         np.frombuffer(bytes(message.kind), dtype=np.uint8).astype(np.int64),
         *(floats(getattr(message, name)) for name in _PROFILE_FIELDS),
     )
-    rows = {name: tuple(getattr(message, name)) for name in _CERTIFICATE_ROWS}
-    certificate = Certificate(**rows, **{name: getattr(message, name) for name in _CERTIFICATE_FIELDS})
+    extremes: dict[str, Any] = {name: tuple(getattr(message, name)) for name in _CERTIFICATE_ROWS}
+    certificate = Certificate(**extremes, **{name: getattr(message, name) for name in _CERTIFICATE_FIELDS})
     figures = SolverFigures(**{name: getattr(message, name) for name in _FIGURES})
     scalars = {name: getattr(message, name) for name in _CHUNK_FIELDS}
     return Chunk(**scalars, profile=profile, certificate=certificate, figures=figures)

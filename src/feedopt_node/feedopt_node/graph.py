@@ -1,4 +1,4 @@
-"""The graph of nodes and topics, read from ``config/graph.yaml``. Free of ROS: launch file, command and nodes share it."""
+"""The graph of nodes and topics, read from ``config/graph.yaml``, for launch file, command and nodes. Free of ROS."""
 
 from __future__ import annotations
 

@@ -30,7 +30,9 @@ def interface_class(type_name: str) -> Any:
     try:
         return getattr(importlib.import_module(f"{package}.{folder}"), name)
     except (ImportError, AttributeError) as error:
-        raise ConfigError(f"type {type_name} cannot be loaded ({error}): build the workspace and source its setup") from error
+        raise ConfigError(
+            f"type {type_name} cannot be loaded ({error}): build the workspace and source its setup"
+        ) from error
 
 
 class GraphNode(Node, Generic[P]):
@@ -53,7 +55,7 @@ class GraphNode(Node, Generic[P]):
         self.life = NodeLife(self, self.graph, self.parameters.present_nodes or tuple(self.graph.nodes))
 
     def publish_topic(self, topic: str) -> Publisher:
-        """Publisher of a topic of the graph, with its type and quality of service; readiness waits for its subscriptions."""
+        """Publisher with the type and quality of service of the graph; readiness waits for its subscriptions."""
         entry = self._topic(topic, self.graph.publications(self.get_name()))
         publisher = self.create_publisher(interface_class(entry.type), topic, qos_profile(entry.qos))
         self.life.watch_publisher(topic, publisher)

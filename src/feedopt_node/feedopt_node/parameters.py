@@ -76,7 +76,8 @@ def parameters_from_mapping(cls: type[P], values: Mapping[str, Any], source: str
         if key in values:
             checked[key] = _checked(values[key], types[key], entry.metadata, f"{source}: {key}")
         elif entry.default is MISSING:
-            raise ConfigError(f"{source}: parameter {key} is missing and has no default: {entry.metadata.get('doc', '')}")
+            doc = entry.metadata.get("doc", "")
+            raise ConfigError(f"{source}: parameter {key} is missing and has no default: {doc}")
     try:
         return cls(**checked)
     except ConfigError as error:

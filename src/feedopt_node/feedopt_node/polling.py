@@ -1,4 +1,7 @@
-"""Subscriptions that a thread of the node empties itself: waking an executor for each message costs 250 us, taking one 40 us."""
+"""Subscriptions that a thread of the node empties itself.
+
+Waking an executor for a message costs 250 us, taking one 40 us: at 1 kHz that decides whether a node keeps up.
+"""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def run_node(factory: Callable[[], GraphNode[Any]], *, threads: int = 1, argumen
     Returns:
         Exit code: 0 after a signal, 1 after a failure, 2 for a bad parameter or file, 3 beside an older graph.
     """
-    # rclpy's own handler shuts the context down. Python's would raise KeyboardInterrupt anywhere, also inside rclpy's C++.
+    # rclpy's own handler shuts the context down. Python's would raise KeyboardInterrupt even inside rclpy's C++.
     signal.signal(signal.SIGINT, _leave_to_rclpy)
     rclpy.init(args=arguments)
     executor: Executor = SingleThreadedExecutor() if threads == 1 else MultiThreadedExecutor(num_threads=threads)

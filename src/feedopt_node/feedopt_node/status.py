@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from feedopt_msgs.msg import NodeStatus
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 
+from feedopt_msgs.msg import NodeStatus
 from feedopt_node.errors import SecondGraphError
 from feedopt_node.graph import Graph
 from feedopt_node.qos import qos_profile
@@ -73,7 +73,7 @@ class NodeLife:
     """Publishes the state of one node on every change and at 10 Hz, and follows its peers.
 
     The node is READY once every publisher has its subscriptions and every subscription its publishers.
-    ``ended`` is a future that :func:`feedopt_node.run.run_node` waits for; it ends with the error that ends the process.
+    ``ended`` is what :func:`feedopt_node.run.run_node` waits for; it ends with the error that ends the process.
     Any thread may report.
     """
 

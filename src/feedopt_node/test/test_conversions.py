@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+
 from feedopt_core.config.machine import Machine, load_machine
 from feedopt_core.errors import ToolpathError
 from feedopt_core.feedrate.chunk import Certificate, Chunk, SolverFigures
@@ -26,7 +28,6 @@ from feedopt_node.conversions import (
     segment_to_message,
     time_message,
 )
-from rclpy.serialization import deserialize_message, serialize_message
 
 
 def over_the_wire(message: Any) -> Any:
@@ -64,7 +65,7 @@ def planar(dimensions: int) -> PlanarSegment:
 
 def nurbs() -> Segment:
     points_mm = np.array([[0.0, 0.0], [10.0, 3.0], [20.0, -1.0], [31.0, 0.5]])
-    return list(interpolate_points(points_mm, [1, 2, 3, 4]))[0]
+    return next(iter(interpolate_points(points_mm, [1, 2, 3, 4])))
 
 
 @pytest.mark.parametrize("segment", [planar(2), planar(3), nurbs()], ids=["plane", "space", "nurbs"])
@@ -135,3 +136,12 @@ def test_arrays_cross_row_major_whatever_their_layout() -> None:
     values = np.asfortranarray(np.arange(6.0).reshape(2, 3))
     np.testing.assert_array_equal(floats(doubles(values)), np.arange(6.0))
     np.testing.assert_array_equal(floats([1.0, 2.0]), [1.0, 2.0])
+
+
+def test_numpy_scalars_become_plain_ones() -> None:
+    """A wrong type in a field is not refused by rclpy: it aborts the process when the message is sent."""
+    original = replace(chunk(2), sequence=np.int64(4), last=np.bool_(True), t_start_s=0, s_commit_mm=np.float64(2.0))
+    again = chunk_from_message(over_the_wire(chunk_to_message(original, 7)))
+    assert (again.sequence, again.last, again.t_start_s, again.s_commit_mm) == (4, True, 0.0, 2.0)
+    place = replace(planar(2).place, sequence=np.int64(3), s_start_mm=np.float64(12.5))
+    assert_same(segment_from_message(over_the_wire(segment_to_message(replace(planar(2), place=place), 1))), planar(2))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 import yaml
+
 from feedopt_core.errors import ConfigError
 from feedopt_node.graph import Graph, load_graph, yaml_flow
 
@@ -20,7 +22,8 @@ def graph() -> Graph:
 def test_publishers_wait_for_the_nodes_that_are_there(graph: Graph) -> None:
     assert graph.required_subscriptions("interpolator", NODES)["/axis_setpoint"] == 2
     assert graph.required_subscriptions("interpolator", graph.chosen_nodes(sim=False))["/axis_setpoint"] == 1
-    assert graph.required_subscriptions("interpolator", graph.chosen_nodes(record=False, sim=False))["/axis_setpoint"] == 0
+    alone = graph.chosen_nodes(record=False, sim=False)
+    assert graph.required_subscriptions("interpolator", alone)["/axis_setpoint"] == 0
     assert graph.required_subscriptions("toolpath", NODES)["/toolpath"] == 3
 
 
@@ -45,7 +48,7 @@ def test_processes_carry_machine_and_parameters(graph: Graph) -> None:
     assert all(node.parameter_file.is_file() for node in processes.values())
     arguments = processes["planner"].ros_arguments()
     assert arguments[:3] == ["--ros-args", "-r", "__node:=planner"]
-    given = dict(item.split(":=", 1) for flag, item in zip(arguments, arguments[1:], strict=False) if flag == "-p")
+    given = dict(item.split(":=", 1) for flag, item in pairwise(arguments) if flag == "-p")
     assert yaml.safe_load(given["present_nodes"]) == list(NODES)
     assert given["method"] == "lp"
 

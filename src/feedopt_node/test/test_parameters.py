@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 import rclpy
+from rclpy.parameter import Parameter
+
 from feedopt_core.errors import ConfigError
 from feedopt_node.parameters import (
     GraphParameters,
@@ -18,7 +20,6 @@ from feedopt_node.parameters import (
     parameter,
     parameters_from_mapping,
 )
-from rclpy.parameter import Parameter
 
 
 @dataclass(frozen=True, kw_only=True)

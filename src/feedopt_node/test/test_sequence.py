@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from feedopt_node.errors import SequenceGapError
 from feedopt_node.sequence import SequenceCheck
 

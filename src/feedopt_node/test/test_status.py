@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from feedopt_msgs.msg import NodeStatus
 from feedopt_node.errors import SecondGraphError
 from feedopt_node.status import SILENCE_S, PeerStatuses
