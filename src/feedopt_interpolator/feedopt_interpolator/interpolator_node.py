@@ -10,6 +10,10 @@ from typing import Any
 from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import FeedoptError
 from feedopt_core.interpolation.setpoints import InterpolatorParameters
+from feedopt_interpolator.conversions import diagnostics
+from feedopt_interpolator.program_motion import ProgramMotion
+from feedopt_interpolator.real_time import request_real_time_priority
+from feedopt_interpolator.tick_thread import Lateness, TickEvents, TickThread
 from feedopt_msgs.msg import FeedProfileChunk, NodeStatus, ToolpathSegment
 from feedopt_node.conversions import chunk_from_message, segment_from_message
 from feedopt_node.errors import SequenceGapError
@@ -18,11 +22,6 @@ from feedopt_node.graph_node import GraphNode
 from feedopt_node.parameters import MachineNodeParameters, parameter
 from feedopt_node.run import run_node
 from feedopt_node.sequence import SequenceCheck
-
-from feedopt_interpolator.conversions import diagnostics
-from feedopt_interpolator.program_motion import ProgramMotion
-from feedopt_interpolator.real_time import request_real_time_priority
-from feedopt_interpolator.tick_thread import Lateness, TickEvents, TickThread
 
 NODE_NAME = "interpolator"
 
@@ -120,7 +119,7 @@ class InterpolatorNode(GraphNode[InterpolatorNodeParameters]):
             motion.abandon(fault_text(error))
 
     def _take_status(self, status: NodeStatus) -> None:
-        """A fault before us (or behind us) means that no further chunk comes: the stop that is there brings us to rest."""
+        """After a fault anywhere no further chunk comes: the stop that is there brings us to rest."""
         motion = self._motion
         if motion is not None and status.state == NodeStatus.FAULT and status.program_id == motion.program_id:
             motion.abandon()

@@ -1,4 +1,4 @@
-"""Set points of one program between two threads: inputs from the executor, ticks from the real-time thread. Free of ROS."""
+"""Set points of one program between the executor, which brings inputs, and the tick threads. Free of ROS."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import replace
 
 import numpy as np
+
 from feedopt_core.config.machine import Machine
 from feedopt_core.feedrate.chunk import Chunk
 from feedopt_core.interpolation.setpoints import InterpolatorParameters, SetpointBlock, SetpointStream

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from feedopt_msgs.msg import AxisSetpoint
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 
@@ -18,6 +17,7 @@ from feedopt_interpolator.conversions import SetpointRows, stamp
 from feedopt_interpolator.program_motion import ProgramMotion
 from feedopt_interpolator.real_time import request_real_time_priority, sleep_until
 from feedopt_interpolator.setpoint_buffer import SetpointBuffer
+from feedopt_msgs.msg import AxisSetpoint
 
 # The other threads give up the interpreter at least this often while ticks are due.
 SWITCH_INTERVAL_S = 5e-5
@@ -118,7 +118,7 @@ class TickThread:
                 self._play(motion, lateness)
                 # DONE means that every set point has been delivered, not only sent.
                 self._publisher.wait_for_all_acked(Duration(seconds=DELIVERY_PATIENCE_S))
-            # Whatever goes wrong while set points are computed or sent is a FAULT of the program, not the end of the node.
+            # Whatever goes wrong with its set points is a FAULT of the program, not the end of the node.
             except Exception as error:  # noqa: BLE001
                 self._events.failed(motion, error)
             else:

@@ -6,6 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point, Pose, PoseStamped
+from nav_msgs.msg import Path
+
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import ToolpathError
 from feedopt_core.feedrate.chunk import Chunk
@@ -13,8 +16,6 @@ from feedopt_core.path.segments import Segment
 from feedopt_msgs.action import ExecuteProgram
 from feedopt_node.conversions import time_message
 from feedopt_node.faults import INFEASIBLE_PREFIX, PROGRAM_PREFIX
-from geometry_msgs.msg import Point, Pose, PoseStamped
-from nav_msgs.msg import Path
 
 DISPLAY_FRAME = "machine"
 MAX_DISPLAY_POINTS = 20_000
@@ -49,7 +50,8 @@ class DisplayPath:
         points_m = np.concatenate(self._points_mm) * _M_PER_MM if self._points_mm else np.zeros((0, 3))
         points_m = np.pad(points_m, ((0, 0), (0, 3 - points_m.shape[1])))
         message.poses = [
-            PoseStamped(header=message.header, pose=Pose(position=Point(x=x, y=y, z=z))) for x, y, z in points_m.tolist()
+            PoseStamped(header=message.header, pose=Pose(position=Point(x=x, y=y, z=z)))
+            for x, y, z in points_m.tolist()
         ]
         return message
 

@@ -17,7 +17,6 @@ from feedopt_node.graph_node import GraphNode
 from feedopt_node.parameters import MachineNodeParameters, parameter
 from feedopt_node.run import run_node
 from feedopt_node.sequence import SequenceCheck
-
 from feedopt_planner.conversions import chunk_diagnostics
 from feedopt_planner.planning_thread import PlanningEvents, PlanningThread
 
@@ -45,12 +44,10 @@ class PlannerNode(GraphNode[PlannerNodeParameters]):
         machine = load_machine(self.parameters.machine)
         self._check = SequenceCheck("/toolpath")
         self._last_chunk = 0
-        self._planning = PlanningThread(
-            machine,
-            self.parameters,
-            self.parameters.seconds_ahead,
-            PlanningEvents(planned=self._planned, hungry=self.life.report, finished=self._finished, failed=self._failed),
+        events = PlanningEvents(
+            planned=self._planned, hungry=self.life.report, finished=self._finished, failed=self._failed
         )
+        self._planning = PlanningThread(machine, self.parameters, self.parameters.seconds_ahead, events)
         self._chunks = self.publish_topic("/feed_profile")
         self._diagnostics = self.publish_topic("/diagnostics")
         machines = self.publish_topic("/machine")

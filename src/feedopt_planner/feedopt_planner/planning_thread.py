@@ -46,7 +46,7 @@ class _Program:
 class PlanningThread:
     """Plans one program at a time, at most ``seconds_ahead`` beyond the motion.
 
-    Segments wait in an inbox until the planner needs them, so what the planner has taken in is what back-pressure counts.
+    Segments wait in an inbox until the planner needs them: what it has taken in is what back-pressure counts.
 
     Raises:
         ConfigError, InfeasibleLimitsError: the machine or the method cannot be planned with at all.
@@ -61,6 +61,7 @@ class PlanningThread:
         self._seconds_ahead = seconds_ahead
         self._events = events
         self._program: _Program | None = None
+        self._latest: StreamPlanner | None = None
         self._closing = False
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="planning", daemon=True)
@@ -68,14 +69,12 @@ class PlanningThread:
     @property
     def last_segment_sequence(self) -> int:
         """Last segment the planner has taken in."""
-        program = self._program
-        return program.planner.last_segment_sequence if program else 0
+        return self._latest.last_segment_sequence if self._latest else 0
 
     @property
     def committed(self) -> tuple[float, float]:
         """Arc length, mm, and motion time, s, up to which motion is committed."""
-        program = self._program
-        return (program.planner.committed_s_mm, program.planner.committed_t_s) if program else (0.0, 0.0)
+        return (self._latest.committed_s_mm, self._latest.committed_t_s) if self._latest else (0.0, 0.0)
 
     def start(self) -> None:
         """Start the thread."""
@@ -84,7 +83,8 @@ class PlanningThread:
     def open(self, program_id: int) -> None:
         """Begin a program; what is left of the one before is dropped."""
         with self._changed:
-            self._program = _Program(program_id, StreamPlanner(self._machine, self._parameters))
+            self._latest = StreamPlanner(self._machine, self._parameters)
+            self._program = _Program(program_id, self._latest)
             self._changed.notify()
 
     def add_segment(self, segment: Segment) -> None:
@@ -94,7 +94,9 @@ class PlanningThread:
                 self._program.inbox.append(segment)
                 self._changed.notify()
 
-    def motion_reached(self, program_id: int, *, motion_time_s: float, s_mm: float, starved_chunk_sequence: int) -> None:
+    def motion_reached(
+        self, program_id: int, *, motion_time_s: float, s_mm: float, starved_chunk_sequence: int
+    ) -> None:
         """Note how far the interpolator is, and whether it took a stop because no chunk came."""
         with self._changed:
             if self._program is not None and self._program.program_id == program_id:

@@ -7,7 +7,11 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
 
 from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import FeedoptError, ToolpathError
@@ -19,10 +23,6 @@ from feedopt_node.conversions import segment_to_message
 from feedopt_node.graph_node import GraphNode
 from feedopt_node.parameters import MachineNodeParameters, parameter
 from feedopt_node.run import run_node
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import ReentrantCallbackGroup
-
 from feedopt_planner.conversions import DisplayPath, failed_program, refused_program
 
 NODE_NAME = "toolpath"
@@ -32,7 +32,7 @@ WAIT_PERIOD_S = 0.1
 # One thread streams the program, one takes statuses, one answers the client.
 THREADS = 3
 
-Result = ExecuteProgram.Result
+Result: TypeAlias = ExecuteProgram.Result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +122,9 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
         result.program_id = run.program_id
         result.segments = run.segments
         result.path_length_mm = run.s_mm
-        result.motion_time_s = self._peer_value("planner", run, "motion_time_s")
+        # What was planned, or, where the program ended early, how far the motion came.
+        timekeeper = "planner" if result.outcome == Result.SUCCEEDED else "interpolator"
+        result.motion_time_s = float(self._peer_value(timekeeper, run, "motion_time_s"))
         return result
 
     def _run(self, run: RunningProgram) -> Result:
@@ -178,7 +180,8 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
                 if run.fault is not None:
                     raise ProgramStopped(run.fault)
                 if run.goal.is_cancel_requested:
-                    raise ProgramStopped(Result(outcome=Result.CANCELED, message="canceled by the client"), canceled=True)
+                    canceled = Result(outcome=Result.CANCELED, message="canceled by the client")
+                    raise ProgramStopped(canceled, canceled=True)
                 silent = self.life.silent_peer()
                 if silent is not None:
                     raise ProgramStopped(failed_program(silent, "has fallen silent; its log tells why"))

@@ -5,11 +5,12 @@ What is started, and with which parameters, stands in ``feedopt_node.graph``; he
 
 from __future__ import annotations
 
-from feedopt_node.graph import ONE_THREAD, load_graph
-from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+
+from feedopt_node.graph import ONE_THREAD, load_graph
+from launch import LaunchContext, LaunchDescription
 
 ARGUMENTS = (
     ("machine", "router_simulation", "machine file, or its name in config/machines"),

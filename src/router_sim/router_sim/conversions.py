@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from array import array
 
-from feedopt_msgs.msg import AxisSetpoint, AxisState
 from sensor_msgs.msg import JointState
 
+from feedopt_msgs.msg import AxisSetpoint, AxisState
 from router_sim.router import AxisStates
 
 _M_PER_MM = 1e-3

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import yaml
+
 from feedopt_core.config.machine import machine_path
 from feedopt_core.errors import ConfigError
-
 from router_sim.parameters import RouterSimParameters
 
 SECTION = "router_sim"

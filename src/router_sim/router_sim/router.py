@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from feedopt_core.errors import FeedoptError
-
 from router_sim.controllers import make_controller
 from router_sim.parameters import RouterSimParameters
 from router_sim.plant import AxisPlant, Encoder

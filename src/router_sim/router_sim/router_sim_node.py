@@ -6,6 +6,9 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
+from rclpy.duration import Duration
+from sensor_msgs.msg import JointState
+
 from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import ConfigError, FeedoptError
 from feedopt_msgs.msg import AxisSetpoint, AxisState, NodeStatus
@@ -15,9 +18,6 @@ from feedopt_node.parameters import MachineNodeParameters, parameter
 from feedopt_node.polling import PolledGroup, PollingThread, take_all
 from feedopt_node.run import run_node
 from feedopt_node.sequence import SequenceCheck
-from rclpy.duration import Duration
-from sensor_msgs.msg import JointState
-
 from router_sim.conversions import fill_joint_state, fill_state, setpoint_rows
 from router_sim.machine_file import load_router_parameters
 from router_sim.router import SimulatedRouter

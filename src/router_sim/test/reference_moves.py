@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
+
 from router_sim.router import AxisStates, SimulatedRouter
 
 PERIOD_S = 0.001

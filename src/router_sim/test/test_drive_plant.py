@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from router_sim.parameters import AxisPlantParameters
 from router_sim.plant import AxisPlant, Encoder
 

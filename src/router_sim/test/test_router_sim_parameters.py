@@ -7,6 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 import pytest
+
 from feedopt_core.errors import ConfigError
 from router_sim.parameters import AxisPlantParameters, ControllerKind, RouterSimParameters, ServoParameters
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from reference_moves import circle
+
 from router_sim.controllers import VelocityEstimate, make_controller
 from router_sim.parameters import ControllerKind, RouterSimParameters
 from router_sim.router import SimulatedRouter

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from reference_moves import Move, circle
+
 from router_sim.parameters import RouterSimParameters, ServoParameters
 from router_sim.router import SimulatedRouter
 from router_sim.servo_tuning import FeedForwardGains, feed_forward_gains

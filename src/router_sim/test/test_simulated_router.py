@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from reference_moves import circle
+
 from router_sim.parameters import RouterSimParameters
 from router_sim.router import AxisStates, SetpointError, SimulatedRouter
 
