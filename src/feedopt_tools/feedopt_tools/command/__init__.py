@@ -1,0 +1,1 @@
+"""The ``feedopt`` command: one file a sub-command, imported when it is used."""

@@ -1,0 +1,62 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from feedopt_core.config.locate import config_directory
+from feedopt_core.errors import ConfigError
+from feedopt_core.feedrate.planner import PlannerParameters
+from feedopt_node.parameters import load_parameters
+from feedopt_tools.command.workspace import workspace_root
+
+DEFAULT_MACHINE = "router_simulation"
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def machine_option(function: F) -> F:
+    """``--machine``: a file, or a name in config/machines."""
+    text = "Machine file, or its name in config/machines."
+    option = click.option("--machine", default=DEFAULT_MACHINE, show_default=True, metavar="FILE|NAME", help=text)
+    return option(function)
+
+
+def method_option(function: F) -> F:
+    """``--method``: the planning method."""
+    text = "Planning method; without it, the one in config/nodes/planner.yaml."
+    return click.option("--method", default="", metavar="NAME", help=text)(function)
+
+
+def planner_parameters(method: str) -> PlannerParameters:
+    """Parameters of config/nodes/planner.yaml, with another method where one is given.
+
+    Raises:
+        ConfigError: the file or the method cannot be used.
+    """
+    from dataclasses import replace
+
+    from feedopt_core.feedrate.methods import METHOD_NAMES
+
+    if method and method not in METHOD_NAMES:
+        raise ConfigError(f"method {method!r} is unknown; there are: {', '.join(METHOD_NAMES)}")
+    path = config_directory() / "nodes" / "planner.yaml"
+    parameters = load_parameters(PlannerParameters, path, "planner", beside=("seconds_ahead",))
+    return replace(parameters, method=method) if method else parameters
+
+
+def run_directory(directory: Path | None, name: str) -> Path:
+    """Folder of a run: the one given, or a new one below ``runs/``.
+
+    Raises:
+        ConfigError: it holds something already.
+    """
+    if directory is None:
+        directory = workspace_root() / "runs" / f"{datetime.now(tz=UTC):%Y%m%d_%H%M%S}_{Path(name).stem}"
+    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+        raise ConfigError(f"{directory}: is not an empty folder; give one that does not exist yet with --out")
+    return directory

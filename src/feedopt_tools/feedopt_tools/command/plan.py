@@ -1,0 +1,70 @@
+"""``feedopt plan``: the whole pipeline without ROS."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+
+from feedopt_core.config.machine import load_machine
+from feedopt_core.errors import ConfigError
+from feedopt_core.plan import Plan, Setpoints, plan_program
+from feedopt_tools.command.exit_codes import FAILURE, OK
+from feedopt_tools.command.options import machine_option, method_option, planner_parameters
+
+_HEADER = "t_s,s_mm,feedrate_mm_s,x_mm,y_mm,z_mm"
+
+
+@click.command()
+@click.argument("program", type=click.Path(path_type=Path))
+@machine_option
+@method_option
+@click.option("--setpoints", type=click.Path(path_type=Path, dir_okay=False), help="CSV file for the set points.")
+@click.option("--report", type=click.Path(path_type=Path, dir_okay=False), help="JSON file for times and audit.")
+def command(program: Path, machine: str, method: str, setpoints: Path | None, report: Path | None) -> None:
+    """Plan PROGRAM without ROS; write set points and report.
+
+    Fails where the audit of the plan does not hold.
+    """
+    parameters = planner_parameters(method)
+    plan = plan_program(program, load_machine(machine), parameters)
+    document = report_document(plan, parameters.method)
+    try:
+        if setpoints is not None:
+            write_setpoints(setpoints, plan.setpoints)
+        if report is not None:
+            report.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{error.filename}: cannot be written: {error.strerror}") from error
+    worst = plan.audit.worst
+    what = f"{worst.quantity} of {worst.axis}" if worst.axis else worst.quantity
+    click.echo(
+        f"{program}: {plan.toolpath.end_mm:.1f} mm in {plan.motion_time_s:.3f} s, "
+        f"planned in {plan.compute_time_s:.2f} s; closest to its limit: {what}, "
+        f"{worst.ratio:.4f} at s = {worst.s_mm:.1f} mm"
+    )
+    sys.exit(OK if plan.audit.holds else FAILURE)
+
+
+def report_document(plan: Plan, method: str) -> dict[str, object]:
+    """Report of a plan as JSON types; ``audit`` has one entry for each grid, axis and quantity."""
+    return {
+        "motion_time_s": plan.motion_time_s,
+        "compute_time_s": plan.compute_time_s,
+        "first_chunk_s": plan.first_chunk_s,
+        "path_length_mm": plan.toolpath.end_mm,
+        "method": method,
+        "windows": len(plan.chunks),
+        "audit_holds": plan.audit.holds,
+        "audit": plan.audit.as_list(),
+    }
+
+
+def write_setpoints(path: Path, setpoints: Setpoints) -> None:
+    """Write set points with 15 significant digits, one a line. Raises OSError."""
+    columns = np.column_stack([setpoints.t_s, setpoints.s_mm, setpoints.v_mm_s, setpoints.tool_mm])
+    with path.open("w", encoding="utf-8") as file:
+        np.savetxt(file, columns, fmt="%.15g", delimiter=",", header=_HEADER, comments="")

@@ -1,0 +1,83 @@
+"""``feedopt run``: one program on a graph of its own."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from feedopt_core.toolpath.program import open_program
+from feedopt_tools.command.exit_codes import FAILURE, OK, UNUSABLE_INPUT
+from feedopt_tools.command.options import machine_option, method_option, planner_parameters, run_directory
+from feedopt_tools.command.run_display import RunDisplay
+from feedopt_tools.execute.client import ProgramRequest
+from feedopt_tools.execute.execution import Execution, RunOptions, execute_program
+
+
+@click.command()
+@click.argument("program", type=click.Path(path_type=Path))
+@machine_option
+@method_option
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for bag and logs; it must not exist yet.")
+@click.option("--no-sim", is_flag=True, help="Without the simulated router: the interpolator ends the program.")
+def command(program: Path, machine: str, method: str, out: Path | None, no_sim: bool) -> None:
+    """Execute PROGRAM on the graph, in real time, and record it.
+
+    Ctrl-C stops the motion on the path and ends the run; a second one ends the nodes at once.
+    """
+    # What can be seen now is not left to a graph that takes seconds to start.
+    planner_parameters(method)
+    open_program(program)
+    console = Console()
+    options = RunOptions(
+        request=ProgramRequest(program.name, path=program),
+        machine=machine,
+        directory=run_directory(out, program.name),
+        method=method,
+        sim=not no_sim,
+    )
+    with RunDisplay(console) as display:
+        execution = execute_program(options, display.events)
+    show_execution(console, execution)
+    sys.exit(execution_exit_code(execution))
+
+
+def execution_exit_code(execution: Execution) -> int:
+    """Exit code of a run that ended; a failure of a node is raised again as what it was.
+
+    Raises:
+        FeedoptError: what ended the run early.
+    """
+    if execution.failure is not None:
+        raise execution.failure
+    if execution.outcome is not None and execution.outcome.program_refused:
+        return UNUSABLE_INPUT
+    return OK if execution.succeeded else FAILURE
+
+
+def show_execution(console: Console, execution: Execution) -> None:
+    """Table of a run that ended."""
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    outcome = execution.outcome
+    if outcome is not None:
+        table.add_row("result", "done" if outcome.succeeded else f"[red]{outcome.message}[/red]")
+        if outcome.line:
+            table.add_row("place", f"line {outcome.line}, column {outcome.column}")
+        table.add_row("motion time", f"{outcome.motion_time_s:.3f} s")
+        table.add_row("path", f"{outcome.path_length_mm:.1f} mm in {outcome.segments} segments")
+        table.add_row("late ticks", str(execution.missed_ticks))
+        if execution.starved_chunk_sequence:
+            text = f"came to rest after chunk {execution.starved_chunk_sequence}: planning was too slow"
+            table.add_row("starved", text)
+    elif execution.interrupted:
+        table.add_row("result", "[red]interrupted before the program began[/red]")
+    for name, code in execution.exit_codes.items():
+        if code:
+            table.add_row(name, f"[red]exit code {code}[/red]")
+    for remark in execution.remarks:
+        table.add_row("", f"[red]{remark}[/red]")
+    table.add_row("recording", str(execution.bag))
+    console.print(table)

@@ -1,0 +1,1 @@
+"""Starting the graph as processes, executing one program on it, and ending all of it."""

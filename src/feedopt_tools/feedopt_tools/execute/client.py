@@ -1,0 +1,176 @@
+"""The command's own node: hears every status, sends the goal, follows it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from feedopt_msgs.action import ExecuteProgram
+from feedopt_msgs.msg import NodeStatus
+from feedopt_node.graph import load_graph
+from feedopt_node.qos import qos_profile
+from feedopt_node.status import READY_STATES, STATUS_TOPIC
+from feedopt_tools.execute.errors import GoalRefusedError, GraphNotReadyError
+
+ACTION = "/execute_program"
+READY_PATIENCE_S = 60.0
+_SPIN_S = 0.05
+
+
+@dataclass(frozen=True)
+class ProgramRequest:
+    """One program to execute: a file, or its text with a name."""
+
+    name: str
+    path: Path | None = None
+    text: str = ""
+
+
+@dataclass
+class Progress:
+    """How far a program is, in mm of arc length and s of motion."""
+
+    s_published_mm: float = 0.0
+    s_committed_mm: float = 0.0
+    s_commanded_mm: float = 0.0
+    motion_time_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class ProgramOutcome:
+    """Answer of the toolpath node; the fields are those of the action's result."""
+
+    outcome: int
+    message: str
+    program_id: int
+    line: int
+    column: int
+    segments: int
+    path_length_mm: float
+    motion_time_s: float
+
+    @property
+    def succeeded(self) -> bool:
+        """The program was executed to its end."""
+        return self.outcome == int(ExecuteProgram.Result.SUCCEEDED)
+
+    @property
+    def program_refused(self) -> bool:
+        """The program cannot be read, or no motion within the limits exists for it."""
+        result = ExecuteProgram.Result
+        return self.outcome in (int(result.REJECTED_PROGRAM), int(result.INFEASIBLE))
+
+
+@dataclass
+class GraphClient:
+    """Talks to a running graph.
+
+    Args:
+        nodes: names of the nodes that must be ready.
+        watch: called all the time while waiting; raises to give up.
+    """
+
+    nodes: Sequence[str]
+    watch: Callable[[], None]
+    statuses: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        # Signals stay Python's: ctrl-C stops the program before the processes.
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("feedopt_command", enable_rosout=False, start_parameter_services=False)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        qos = qos_profile(load_graph().topics[STATUS_TOPIC].qos)
+        self._node.create_subscription(NodeStatus, STATUS_TOPIC, self._take_status, qos)
+        self._action = ActionClient(self._node, ExecuteProgram, ACTION)
+        self._goal: Any = None
+        self._progress = Progress()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def wait_ready(self) -> None:
+        """Wait until every node has said READY.
+
+        Raises:
+            GraphNotReadyError: not in time.
+        """
+        until_s = time.monotonic() + READY_PATIENCE_S
+        while waiting := [name for name in self.nodes if not self._ready(name)]:
+            self._spin()
+            if time.monotonic() > until_s:
+                names = ", ".join(waiting)
+                raise GraphNotReadyError(f"not ready after {READY_PATIENCE_S:g} s: {names}; see their logs")
+        while not self._action.server_is_ready():
+            self._spin()
+            if time.monotonic() > until_s:
+                raise GraphNotReadyError(f"the action {ACTION} did not appear within {READY_PATIENCE_S:g} s")
+
+    def send(self, request: ProgramRequest) -> None:
+        """Send a program to be executed; returns when it is accepted.
+
+        Raises:
+            GoalRefusedError: the toolpath node is busy or not ready.
+        """
+        goal = ExecuteProgram.Goal(
+            path=str(request.path.absolute()) if request.path else "",
+            text=request.text,
+            name=request.name,
+        )
+        self._goal, self._progress = None, Progress()
+        accepted = self._action.send_goal_async(goal, feedback_callback=self._take_feedback)
+        while not accepted.done():
+            self._spin()
+        if not accepted.result().accepted:
+            raise GoalRefusedError("the toolpath node refused the goal: another program is being executed")
+        self._goal = accepted.result()
+
+    def follow(self, on_progress: Callable[[Progress], None]) -> ProgramOutcome:
+        """Wait for the end of the program that is being executed; ``on_progress`` is called all the time."""
+        answer = self._goal.get_result_async()
+        while not answer.done():
+            self._spin()
+            on_progress(self._progress)
+        result = answer.result().result
+        return ProgramOutcome(
+            outcome=result.outcome,
+            message=result.message,
+            program_id=result.program_id,
+            line=result.line,
+            column=result.column,
+            segments=result.segments,
+            path_length_mm=result.path_length_mm,
+            motion_time_s=result.motion_time_s,
+        )
+
+    def cancel(self) -> None:
+        """Ask for a stop on the path."""
+        self._goal.cancel_goal_async()
+
+    def _ready(self, name: str) -> bool:
+        status = self.statuses.get(name)
+        return status is not None and status.state in READY_STATES
+
+    def _spin(self) -> None:
+        self._executor.spin_once(timeout_sec=_SPIN_S)
+        self.watch()
+
+    def _take_status(self, status: NodeStatus) -> None:
+        self.statuses[status.node] = status
+
+    def _take_feedback(self, message: Any) -> None:
+        feedback = message.feedback
+        self._progress = Progress(
+            feedback.s_published_mm, feedback.s_committed_mm, feedback.s_commanded_mm, feedback.motion_time_s
+        )
