@@ -34,9 +34,7 @@ class RunningGraph:
         self.directory = directory
         self.bag = directory / "recording"
         self.names = graph.chosen_nodes()
-        nodes = graph.processes(
-            self.names, str(machine_path(MACHINE)), {"recorder": {"bag_directory": str(self.bag)}}
-        )
+        nodes = graph.processes(self.names, str(machine_path(MACHINE)), {"recorder": {"bag_directory": str(self.bag)}})
         self.nodes = {node.name: node for node in nodes}
         self.processes = GraphProcesses(nodes, directory / "logs")
         self.processes.start()

@@ -56,8 +56,9 @@ class Bench:
     def until_state(self, state: int, program_id: int) -> NodeStatus:
         """Wait for the router's report."""
         self.until(
-            lambda: bool(self.statuses)
-            and (self.statuses[-1].state, self.statuses[-1].program_id) == (state, program_id),
+            lambda: (
+                bool(self.statuses) and (self.statuses[-1].state, self.statuses[-1].program_id) == (state, program_id)
+            ),
             f"state {state} of program {program_id}",
         )
         return self.statuses[-1]

@@ -36,14 +36,14 @@ def assert_c2(before: PathPoints, after: PathPoints) -> None:
 def test_spline_passes_through_its_points_and_is_c2(walk: list[tuple[float, float]]) -> None:
     points = wandering_points(*zip(*walk, strict=True))
     toolpath = toolpath_of(spline(points))
-    at_mm = np.concatenate([[0.0], toolpath.joints_mm(0.0, toolpath.end_mm), [toolpath.end_mm]])
+    at_mm = toolpath.joints_mm(0.0, toolpath.end_mm)
     # Not-a-knot ends: the polynomials of the first two intervals are one, and so are those of the last two.
     through = toolpath.evaluate(at_mm).r_mm
     for point in points:
         assert np.min(np.linalg.norm(through - point, axis=1)) < 1e-7
     for before, after in zip(toolpath.segments[:-1], toolpath.segments[1:], strict=True):
         assert_c2(ends(before)[1], ends(after)[0])
-    inside = toolpath.joints_mm(0.0, toolpath.end_mm)
+    inside = at_mm[1:-1]
     hair = 1e-9
     left, right = toolpath.evaluate(inside - hair), toolpath.evaluate(inside + hair)
     assert np.allclose(left.d2r_ds2, right.d2r_ds2, atol=1e-6)

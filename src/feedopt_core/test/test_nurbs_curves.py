@@ -148,7 +148,7 @@ def test_looser_tolerance_takes_fewer_pieces() -> None:
 def test_curve_that_stands_still_is_refused() -> None:
     net = np.array([[1.0, 2.0]] * 4)
     curve = NurbsCurve.from_control_net(3, np.array([0.0] * 4 + [1.0] * 4), net, np.ones(4))
-    with pytest.raises(ToolpathError, match="stands still"):
+    with pytest.raises(ToolpathError, match="turns round on the spot"):
         map_arc_length(curve.evaluate, curve.joints)
 
 

@@ -34,9 +34,7 @@ _CERTIFICATE_ROWS = (
     "max_tracking_error_mm",
 )
 _CERTIFICATE_FIELDS = ("worst_ratio", "worst_quantity", "worst_axis", "worst_s_mm")
-_CHUNK_FIELDS = tuple(
-    entry.name for entry in fields(Chunk) if entry.name not in ("profile", "certificate", "figures")
-)
+_CHUNK_FIELDS = tuple(entry.name for entry in fields(Chunk) if entry.name not in ("profile", "certificate", "figures"))
 _FIGURES = tuple(entry.name for entry in fields(SolverFigures))
 _PLACE_FIELDS = tuple(entry.name for entry in fields(SegmentPlace))
 _DRIVE_FIELDS = tuple(entry.name for entry in fields(DriveModel))

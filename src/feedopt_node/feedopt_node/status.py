@@ -179,10 +179,14 @@ class NodeLife:
             listener(status)
 
     def _check_matches(self) -> None:
-        publishers = ((self._publishers[topic].get_subscription_count(), need)
-                      for topic, need in self._required_subscriptions.items())
-        subscriptions = ((self._subscriptions[topic].get_publisher_count(), need)
-                         for topic, need in self._required_publishers.items())
+        publishers = (
+            (self._publishers[topic].get_subscription_count(), need)
+            for topic, need in self._required_subscriptions.items()
+        )
+        subscriptions = (
+            (self._subscriptions[topic].get_publisher_count(), need)
+            for topic, need in self._required_publishers.items()
+        )
         # More publishers than nodes: a second graph is on this domain. Its nodes hear ours and end; until then we wait.
         alone = self._subscriptions[STATUS_TOPIC].get_publisher_count() <= len(self._present)
         if alone and all(count >= need for count, need in (*publishers, *subscriptions)):

@@ -113,9 +113,7 @@ def test_after_starvation_planning_goes_on_from_the_stop(near: Planning) -> None
     for segment in segments():
         near.thread.add_segment(segment)
     first = near.chunks(near.until("planned"))[-1]
-    near.thread.motion_reached(
-        1, motion_time_s=first.t_start_s + 10.0, s_mm=0.0, starved_chunk_sequence=first.sequence
-    )
+    near.thread.motion_reached(1, motion_time_s=first.t_start_s + 10.0, s_mm=0.0, starved_chunk_sequence=first.sequence)
     chunks = near.chunks(near.until("finished"))
     resumed = [chunk for chunk in chunks if chunk.s_start_mm == pytest.approx(first.s_stop_mm)]
     assert resumed

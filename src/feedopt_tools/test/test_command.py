@@ -80,7 +80,13 @@ def test_plan_writes_set_points_and_report(program: Path, tmp_path: Path) -> Non
     assert np.all(values[[0, -1], 2] == 0.0)
     document = json.loads(report.read_text(encoding="utf-8"))
     assert document.keys() >= {
-        "motion_time_s", "compute_time_s", "first_chunk_s", "path_length_mm", "method", "windows", "audit"
+        "motion_time_s",
+        "compute_time_s",
+        "first_chunk_s",
+        "path_length_mm",
+        "method",
+        "windows",
+        "audit",
     }
     assert document["audit_holds"] is True
     assert {row["grid"] for row in document["audit"]} == {"fine", "1 kHz"}

@@ -14,7 +14,7 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import SolverError
-from feedopt_core.feedrate.mesh import QuadraticSpline, graded_knots
+from feedopt_core.feedrate.mesh import KnotSpacing, QuadraticSpline, graded_knots
 from feedopt_core.feedrate.method import StartState, Window, WindowPlan
 from feedopt_core.feedrate.profile import ElementKind, FeedProfile
 from feedopt_core.limits.axis_limits import KinematicLimits, LimitRows, axis_geometry, span_points
@@ -25,10 +25,13 @@ from feedopt_core.solvers.banded_interior_point import FixedStart, RestEnd, Time
 
 _POINTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 _BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90.0
-_CHECK_POINTS = np.linspace(0.0, 1.0, 13)
 _MARGIN = 5e-4
 _RELAXED_MM = 20.0
-_REPAIRS = 4
+_REPAIRS = 8
+_ACCEPTED = 1.00001
+_SPLIT_ABOVE = 1.01
+_REFINEMENTS = (1.0, 3.0)
+"""Parts of the knot spacing to try, the next one where a window has no plan on the mesh before."""
 
 
 @dataclass(frozen=True)
@@ -38,53 +41,60 @@ class KinematicMethod:
     Attributes:
         limits: of the axes and the feed.
         knot_spacing_mm: largest spacing of the knots of q(s).
-        allowed_ratio: largest value over its limit to accept between the points of the optimisation.
     """
 
     limits: KinematicLimits
     knot_spacing_mm: float
-    allowed_ratio: float = 1.0
     name: str = "lp"
 
     def plan(self, toolpath: Toolpath, window: Window) -> WindowPlan:
         """See :class:`~feedopt_core.feedrate.method.PlanningMethod`. Raises SolverError."""
-        solve = _WindowSolve(self, toolpath, window)
+        failure: SolverError | None = None
+        for refinement in _REFINEMENTS:
+            try:
+                return self._plan(toolpath, window, self.knot_spacing_mm / refinement)
+            except SolverError as error:
+                failure = error
+        raise SolverError(f"window {window.start_mm:.3f} to {window.end_mm:.3f} mm: {failure}") from failure
+
+    def _plan(self, toolpath: Toolpath, window: Window, knot_spacing_mm: float) -> WindowPlan:
+        knots = _knots(self.limits, toolpath, window, knot_spacing_mm)
+        solve = _WindowSolve(self.limits, toolpath, window, knots)
         iterations = 0
         worst = np.inf
         for _ in range(_REPAIRS):
             control_points, count, rows = solve.minimum_time()
             iterations += count
             profile = solve.profile(control_points)
-            excess = (
-                limit_ratios(toolpath, self.limits, profile[solve.spline_elements], _CHECK_POINTS) / self.allowed_ratio
-            )
-            worst = float(np.max(excess, initial=0.0))
-            if worst <= 1.0:
+            excess = limit_ratios(toolpath, self.limits, profile[solve.spline_elements])
+            worst = float(np.max(excess))
+            if worst <= _ACCEPTED:
                 return WindowPlan(profile, len(control_points), rows, iterations)
-            solve.tighten(excess)
-        raise SolverError(
-            f"window {window.start_mm:.3f} to {window.end_mm:.3f} mm: {worst:.5f} times a limit between the knots "
-            f"after {_REPAIRS} repairs; use a smaller knot spacing than {self.knot_spacing_mm:g} mm"
-        )
+            if worst > _SPLIT_ABOVE:
+                solve = _WindowSolve(self.limits, toolpath, window, solve.split_knots(excess))
+            else:
+                solve.tighten(excess)
+        raise SolverError(f"{worst:.5f} times a limit between the knots after {_REPAIRS} repairs")
+
+
+def _knots(limits: KinematicLimits, toolpath: Toolpath, window: Window, spacing_mm: float) -> FloatArray:
+    start_rest = rest_length_mm(toolpath, limits, window.start_mm, +1) if window.start is None else None
+    end_rest = rest_length_mm(toolpath, limits, window.end_mm, -1)
+    return graded_knots(
+        window.start_mm,
+        window.end_mm,
+        KnotSpacing(toolpath, spacing_mm),
+        rest_start_mm=None if start_rest is None else min(start_rest, spacing_mm),
+        rest_end_mm=min(end_rest, spacing_mm),
+    )
 
 
 class _WindowSolve:
     """One window while it is being solved: mesh, rows, end conditions."""
 
-    def __init__(self, method: KinematicMethod, toolpath: Toolpath, window: Window) -> None:
-        self.method, self.toolpath, self.window = method, toolpath, window
-        limits, spacing = method.limits, method.knot_spacing_mm
-        start_rest = rest_length_mm(toolpath, limits, window.start_mm, +1) if window.start is None else None
-        end_rest = rest_length_mm(toolpath, limits, window.end_mm, -1)
-        self.knots = graded_knots(
-            window.start_mm,
-            window.end_mm,
-            toolpath.joints_mm(window.start_mm, window.end_mm),
-            spacing,
-            rest_start_mm=None if start_rest is None else min(start_rest, spacing),
-            rest_end_mm=min(end_rest, spacing),
-        )
-        first = 0 if start_rest is None else 1
+    def __init__(self, limits: KinematicLimits, toolpath: Toolpath, window: Window, knots: FloatArray) -> None:
+        self.limits, self.toolpath, self.window, self.knots = limits, toolpath, window, knots
+        first = 1 if window.start is None else 0
         self.spline_elements = slice(first, len(self.knots) - 2)
         self.spline = QuadraticSpline.on(self.knots[first:-1])
         self.points_mm = span_points(self.spline.knots_mm, _POINTS)
@@ -104,9 +114,16 @@ class _WindowSolve:
         spread[:-1] = np.maximum(spread[:-1], excess[1:])
         self.scale /= np.maximum(1.0, 1.0 + 1.2 * (spread - 1.0))
 
+    def split_knots(self, excess: FloatArray) -> FloatArray:
+        """Knots with two more in each span where a limit was exceeded noticeably; excess has shape (m,)."""
+        spans = np.flatnonzero(excess > 0.5 * (1.0 + _SPLIT_ABOVE))
+        knots = self.spline.knots_mm
+        widths = np.diff(knots)[spans]
+        return np.unique(np.concatenate([self.knots, knots[spans] + widths / 3.0, knots[spans] + widths * 2.0 / 3.0]))
+
     def minimum_time(self) -> tuple[FloatArray, int, int]:
         basis = self.spline.basis(_POINTS)
-        rows = LimitRows(self.geometry, self.method.limits, basis, self.scale)
+        rows = LimitRows(self.geometry, self.limits, basis, self.scale)
         if self.window.start is not None:
             rows.release_start_state()
         start, end = self._start(), self._end()
@@ -125,7 +142,7 @@ class _WindowSolve:
                 failure = error
                 continue
             return solution.control_points, solution.iterations, solution.row_count
-        raise SolverError(f"window {self.window.start_mm:.3f} to {self.window.end_mm:.3f} mm: {failure}") from failure
+        raise SolverError(str(failure)) from failure
 
     def _start(self) -> FixedStart | RestEnd:
         state, h = self.window.start, float(self.spline.widths_mm[0])
@@ -139,7 +156,7 @@ class _WindowSolve:
 
     def _rest_end(self, s_rest_mm: float, width_mm: float, span_mm: float, sign: int) -> RestEnd:
         scale = float(self.scale[0, 0] if sign > 0 else self.scale[-1, -1])
-        p = rest_scale_limit(self.toolpath, self.method.limits, s_rest_mm, width_mm, sign, scale)
+        p = rest_scale_limit(self.toolpath, self.limits, s_rest_mm, width_mm, sign, scale)
         return RestEnd(ratio=1.0 + 2.0 / 3.0 * span_mm / width_mm, outer_limit=p * float(np.cbrt(width_mm)) ** 4)
 
     def _guesses(self, rows: LimitRows, start: FixedStart | RestEnd, end: RestEnd) -> Iterator[FloatArray]:

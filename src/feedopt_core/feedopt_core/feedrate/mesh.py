@@ -3,58 +3,115 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
+from feedopt_core.path.toolpath import Toolpath
 
 GROWTH = 1.25
 """Ratio of neighbouring knot spacings next to a point of rest, where q grows as s^(4/3)."""
+_BEND_SHARE = 0.3
+_SMALLEST_RATIO = 0.004
+_DENSITY_SAMPLES = 17
+_LEAST_REST_MM = 1e-5
+
+
+@dataclass(frozen=True)
+class KnotSpacing:
+    """How densely knots are set.
+
+    Attributes:
+        toolpath: holds the window.
+        largest_mm: largest spacing.
+    """
+
+    toolpath: Toolpath
+    largest_mm: float
+
+    def at(self, s_mm: FloatArray) -> FloatArray:
+        """Spacing wanted at arc lengths, shape (n,): a part of the length over which the path bends."""
+        wanted = _BEND_SHARE * self.toolpath.bend_length_mm(s_mm)
+        return np.clip(wanted, _SMALLEST_RATIO * self.largest_mm, self.largest_mm)
+
+    def between_joints(self, joints_mm: FloatArray) -> FloatArray:
+        """Every joint and knots between them, shape (n,). They depend on the joints only, not on any window."""
+        low, widths = joints_mm[:-1], np.diff(joints_mm)
+        z = np.linspace(0.0, 1.0, _DENSITY_SAMPLES)
+        inside = np.clip(z, 1e-7, 1.0 - 1e-7)
+        density = 1.0 / self.at((low[:, None] + widths[:, None] * inside).ravel()).reshape(len(low), -1)
+        steps = 0.5 * (density[:, 1:] + density[:, :-1]) * np.diff(z) * widths[:, None]
+        parts = []
+        for start, width, row in zip(low, widths, steps, strict=True):
+            cumulative = np.concatenate([[0.0], np.cumsum(row)])
+            count = max(1, int(np.ceil(cumulative[-1] - 1e-9)))
+            parts.append(start + width * np.interp(np.arange(count) * (cumulative[-1] / count), cumulative, z))
+        return np.concatenate([*parts, joints_mm[-1:]])
 
 
 def graded_knots(
     start_mm: float,
     end_mm: float,
-    joints_mm: FloatArray,
-    spacing_mm: float,
+    spacing: KnotSpacing,
     *,
     rest_start_mm: float | None,
     rest_end_mm: float,
 ) -> FloatArray:
-    """Knots from start to end: every joint of the path, spaced evenly between them, graded towards rest.
+    """Knots from start to end: every joint of the path, denser where it bends, graded towards rest.
 
     Args:
         start_mm, end_mm: ends of the window.
-        joints_mm: arc lengths where a path derivative may jump, strictly inside the window, increasing.
-        spacing_mm: largest spacing.
+        spacing: of the regular knots.
         rest_start_mm: length of the element that leaves rest at the start; None where the window starts in motion.
         rest_end_mm: length of the element that comes to rest at the end.
 
     Returns:
         Increasing knots, shape (n,), first start_mm, last end_mm; the first (last) interval is the element at rest.
     """
-    length = end_mm - start_mm
-    head = _grading(rest_start_mm, spacing_mm, 0.5 * length) if rest_start_mm is not None else np.zeros(1)
-    tail = _grading(rest_end_mm, spacing_mm, 0.5 * length)
-    head, tail = start_mm + head, (end_mm - tail)[::-1]
-    inner = joints_mm[(joints_mm > head[-1] + 0.3 * spacing_mm) & (joints_mm < tail[0] - 0.3 * spacing_mm)]
-    edges = np.concatenate([head[-1:], inner, tail[:1]])
-    parts = [head[:-1]]
-    for low, high in pairwise(edges):
-        count = max(1, int(np.ceil((high - low) / spacing_mm - 1e-9)))
-        parts.append(np.linspace(low, high, count + 1)[:-1])
-    return np.concatenate([*parts, tail])
+    room_mm = 0.5 * (end_mm - start_mm)
+    joints = spacing.toolpath.joints_mm(start_mm, end_mm)
+    head = np.array([start_mm])
+    if rest_start_mm is not None:
+        head = start_mm + _graded_distances(start_mm, +1, rest_start_mm, room_mm, spacing, joints - start_mm)
+    tail = (end_mm - _graded_distances(end_mm, -1, rest_end_mm, room_mm, spacing, (end_mm - joints)[::-1]))[::-1]
+    regular = spacing.between_joints(joints)
+    regular = regular[(regular > head[-1]) & (regular < tail[0])]
+    # The regular intervals next to the graded ends are cut short, but not to a sliver.
+    gap = 0.3 * spacing.at(np.array([head[-1], tail[0]]))
+    keep = np.isin(regular, joints) | ((regular > head[-1] + gap[0]) & (regular < tail[0] - gap[1]))
+    return np.concatenate([head, regular[keep], tail])
 
 
-def _grading(first_mm: float, spacing_mm: float, room_mm: float) -> FloatArray:
-    """0, first, then spacings growing by GROWTH up to the regular one, within the room."""
-    first_mm = min(first_mm, 0.2 * room_mm)
+def _graded_distances(
+    rest_mm: float, sign: int, first_mm: float, room_mm: float, spacing: KnotSpacing, joints: FloatArray
+) -> FloatArray:
+    """Distances of knots from rest, increasing: the element at rest, then growing by GROWTH up to the regular spacing.
+
+    Args:
+        rest_mm: arc length of rest.
+        sign: +1 where the window lies above it, -1 below.
+        first_mm: wanted length of the element at rest; it is cut where the path bends sharply or has a joint.
+        room_mm: the knots stay within 0.8 of it.
+        spacing: of the regular knots.
+        joints: distances of joints from rest, increasing; each behind the element at rest is a knot.
+    """
+    ahead = joints[joints > _LEAST_REST_MM]
+    wanted = float(spacing.at(np.array([rest_mm + sign * _LEAST_REST_MM]))[0])
+    first_mm = min(first_mm, 0.2 * room_mm, wanted, float(ahead[0]) if len(ahead) else np.inf)
     knots, step = [0.0, first_mm], first_mm
-    while step * GROWTH < spacing_mm and knots[-1] + step * GROWTH < 0.8 * room_mm:
+    while step * GROWTH < float(spacing.at(np.array([rest_mm + sign * knots[-1]]))[0]):
         step *= GROWTH
+        if knots[-1] + step > 0.8 * room_mm:
+            break
         knots.append(knots[-1] + step)
-    return np.array(knots)
+    inside = joints[(joints > first_mm) & (joints < knots[-1])]
+    if not len(inside):
+        return np.array(knots)
+    # A joint takes the place of the knots close to it.
+    graded = np.array(knots[2:-1])
+    room = 0.3 * np.minimum(np.diff(knots)[1:-1], np.diff(knots)[2:])
+    near = np.min(np.abs(graded[:, None] - inside), axis=1)
+    return np.unique(np.concatenate([[0.0, first_mm], graded[near > room], inside, knots[-1:]]))
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from feedopt_core.feedrate.chunk import Certificate, Chunk, SolverFigures
 from feedopt_core.feedrate.method import PlanningMethod, StartState, Window, WindowPlan
 from feedopt_core.feedrate.methods import make_method
 from feedopt_core.feedrate.profile import FeedProfile
-from feedopt_core.limits.axis_limits import KinematicLimits
+from feedopt_core.limits.derived import derived_limits
 from feedopt_core.limits.stopping import longest_stop_mm
 from feedopt_core.path.segments import Segment
 from feedopt_core.path.toolpath import Toolpath
@@ -84,7 +84,7 @@ class StreamPlanner:
         self.machine = machine
         self.toolpath = Toolpath()
         self._method = method or make_method(parameters.method, machine, parameters.knot_spacing_mm)
-        stop_mm = max(longest_stop_mm(KinematicLimits.of(machine)), _LEAST_LOOK_AHEAD_MM)
+        stop_mm = max(longest_stop_mm(derived_limits(machine)), _LEAST_LOOK_AHEAD_MM)
         self._look_ahead_mm = parameters.look_ahead_mm or _STOPS_OF_LOOK_AHEAD * stop_mm
         self._commitment_mm = parameters.commitment_mm or _STOPS_OF_COMMITMENT * stop_mm
         self._committed = _Committed()
@@ -140,7 +140,8 @@ class StreamPlanner:
             plan, fallback = self._fallback(self._committed.stop)
         solved = time.perf_counter()
         chunk, worst = self._chunk(plan, commit_all, fallback, solved - began)
-        if worst > ALLOWED_RATIO:
+        # Not a number must not pass either.
+        if not worst <= ALLOWED_RATIO:
             if self._committed.stop is None or fallback:
                 raise SolverError(_audit_failure(chunk))
             plan, fallback = self._fallback(self._committed.stop)

@@ -21,7 +21,7 @@ from feedopt_core.arrays import FloatArray
 from feedopt_core.config.machine import Machine
 from feedopt_core.path.toolpath import Toolpath
 
-_ONE_SIDED_MM = 1e-9
+ONE_SIDED_MM = 1e-9
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def axis_geometry(toolpath: Toolpath, axis_matrix: FloatArray, s_mm: FloatArray)
 def span_points(knots_mm: FloatArray, z: FloatArray) -> FloatArray:
     """Arc lengths at z in [0, 1] of every span, shape (len(z), m), a hair inside: derivatives may jump at a knot."""
     widths = np.diff(knots_mm)
-    inset = np.minimum(_ONE_SIDED_MM, 1e-3 * widths)
+    inset = np.minimum(ONE_SIDED_MM, 1e-3 * widths)
     return np.asarray(knots_mm[:-1] + inset + z[:, None] * (widths - 2.0 * inset))
 
 

@@ -21,9 +21,24 @@ Evaluator = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray, Flo
 ORDER = 8
 TOLERANCE_MM = 1e-10
 _MAX_PIECES = 4096
+_LEAST_PIECE_MM = 1e-9
+_SHARPEST_PER_MM = 1e5
+_TURN_AT_JOINT = 1e-3
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _NODES, _WEIGHTS = (_NODES + 1.0) / 2.0, _WEIGHTS / 2.0
 _CHECKS = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
+
+
+class StandstillError(ToolpathError):
+    """A curve that stands still or turns round on the spot, where no arc length can parametrise it smoothly.
+
+    Args:
+        parameter: where on the curve.
+    """
+
+    def __init__(self, parameter: float) -> None:
+        super().__init__("the curve turns round on the spot here; program an exact stop or move the points apart")
+        self.parameter = parameter
 
 
 @dataclass(frozen=True)
@@ -87,20 +102,25 @@ def map_arc_length(evaluate: Evaluator, joints_u: FloatArray, tolerance_mm: floa
         tolerance_mm: bound on the arc-length error of the map.
 
     Raises:
-        ToolpathError: the curve stands still or is not finite somewhere, so arc length cannot parametrise it.
+        StandstillError: the curve stands still, turns round on the spot or is not finite somewhere.
+        ToolpathError: it needs more pieces than any sane curve.
     """
     edges = np.asarray(joints_u, dtype=float)
+    speeds = np.linalg.norm(evaluate(edges)[1], axis=1)
+    if not np.all(speeds > 1e-9 * np.max(speeds)):
+        raise StandstillError(float(edges[np.argmin(speeds)]))
     while True:
         start_u, end_u = edges[:-1], edges[1:]
         lengths = arc_lengths(evaluate, start_u, end_u)
-        if not np.all(np.isfinite(lengths)) or np.any(lengths <= 0.0):
-            raise ToolpathError("the curve stands still or is not finite: it has no arc-length parametrisation")
+        if not np.all(lengths > _LEAST_PIECE_MM):
+            raise StandstillError(float(start_u[np.argmin(lengths > _LEAST_PIECE_MM)]))
         middle = (start_u + end_u) / 2.0
         halves = arc_lengths(evaluate, start_u, middle) + arc_lengths(evaluate, middle, end_u)
         coefficients = _hermite_pieces(evaluate, start_u, end_u, lengths)
         errors = np.abs(halves - lengths) + _map_errors(evaluate, start_u, lengths, coefficients)
         split = errors > np.maximum(tolerance_mm, 1e-14 * np.sum(lengths))
         if not np.any(split):
+            _refuse_cusps(evaluate, start_u, end_u, lengths)
             s_mm = np.concatenate([[0.0], np.cumsum(lengths)])
             return ArcLengthMap(s_mm, coefficients, float(np.max(errors)))
         if len(edges) > _MAX_PIECES:
@@ -108,6 +128,19 @@ def map_arc_length(evaluate: Evaluator, joints_u: FloatArray, tolerance_mm: floa
                 f"the curve needs more than {_MAX_PIECES} pieces for an arc-length error of {tolerance_mm:g} mm"
             )
         edges = np.sort(np.concatenate([edges, middle[split]]))
+
+
+def _refuse_cusps(evaluate: Evaluator, start_u: FloatArray, end_u: FloatArray, lengths: FloatArray) -> None:
+    """Quadrature alone steps over a cusp: the length of a curve that turns round on the spot is finite."""
+    first, last = (evaluate(u)[1] for u in (start_u, end_u - 1e-12 * (end_u - start_u)))
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    last /= np.linalg.norm(last, axis=1)[:, None]
+    turn = np.linalg.norm(last - first, axis=1)
+    sharp = (turn > 0.1) & (turn > _SHARPEST_PER_MM * lengths)
+    broken = np.append(np.linalg.norm(first[1:] - last[:-1], axis=1) > _TURN_AT_JOINT, False)
+    if np.any(sharp | broken):
+        at = int(np.argmax(sharp | broken))
+        raise StandstillError(float(start_u[at] if sharp[at] else end_u[at]))
 
 
 def _hermite_pieces(evaluate: Evaluator, start_u: FloatArray, end_u: FloatArray, lengths: FloatArray) -> FloatArray:

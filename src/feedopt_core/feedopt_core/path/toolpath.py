@@ -106,14 +106,27 @@ class Toolpath:
         return np.asarray(np.minimum(limits[left], limits[right]))
 
     def joints_mm(self, start_mm: float, end_mm: float) -> FloatArray:
-        """Arc lengths strictly between two others where a derivative of the path may jump, increasing."""
+        """Arc lengths where a derivative of the path may jump, increasing.
+
+        From the last one at or before start_mm to the first one at or behind end_mm.
+        """
         joints = [
             start + segment.joints_mm
             for start, segment in zip(self._starts, self._segments, strict=True)
             if start < end_mm and start + segment.length_mm > start_mm
         ]
-        every = np.unique(np.concatenate(joints)) if joints else np.zeros(0)
-        return every[(every > start_mm) & (every < end_mm)]
+        every = np.unique(np.concatenate(joints))
+        first = max(0, int(np.searchsorted(every, start_mm, side="right")) - 1)
+        return every[first : int(np.searchsorted(every, end_mm, side="left")) + 1]
+
+    def bend_length_mm(self, s_mm: FloatArray) -> FloatArray:
+        """Length over which the path bends noticeably at arc lengths, shape (n,).
+
+        With k the curvature vector, the smaller of ``1 / |k|`` and ``1 / sqrt |dk/ds|``.
+        """
+        points = self.evaluate(s_mm)
+        bend = np.maximum(np.linalg.norm(points.d2r_ds2, axis=1), np.sqrt(np.linalg.norm(points.d3r_ds3, axis=1)))
+        return np.asarray(1.0 / np.maximum(bend, 1e-12))
 
     def exact_stops_mm(self) -> FloatArray:
         """Arc lengths of the ends of segments where the machine must come to rest, increasing."""

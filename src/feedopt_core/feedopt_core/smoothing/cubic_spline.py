@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.path.arc_length import ArcLengthMap, map_arc_length
+from feedopt_core.path.arc_length import ArcLengthMap, StandstillError, map_arc_length
 from feedopt_core.path.nurbs import NurbsCurve
 from feedopt_core.path.segments import NurbsSegment, SegmentPlace
 
@@ -26,6 +26,9 @@ def interpolate_points(points_mm: FloatArray, source_lines: list[int]) -> Iterat
     Args:
         points_mm: shape (n, dimensions), n >= 2, no two neighbours equal.
         source_lines: line of the program of each point.
+
+    Raises:
+        StandstillError: the spline turns round on the spot; names the line of the nearest point.
     """
     chords = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_mm, axis=0), axis=1))])
     closed = len(points_mm) > 3 and float(np.linalg.norm(points_mm[-1] - points_mm[0])) <= _CLOSED_MM
@@ -37,7 +40,12 @@ def interpolate_points(points_mm: FloatArray, source_lines: list[int]) -> Iterat
     s_start_mm = 0.0
     for sequence, first in enumerate(range(0, count, _INTERVALS), start=1):
         stop = min(first + _INTERVALS, count)
-        curve, arc_length_map = _piece(spline, first, stop)
+        try:
+            curve, arc_length_map = _piece(spline, first, stop)
+        except StandstillError as error:
+            nearest = int(np.argmin(np.abs(spline.x - spline.x[first] - error.parameter)))
+            error.line, error.column = source_lines[nearest], 1
+            raise
         place = SegmentPlace(sequence, source_lines[first], s_start_mm, last=stop == count)
         yield NurbsSegment(place, curve, arc_length_map)
         s_start_mm += arc_length_map.length_mm

@@ -13,6 +13,8 @@ from feedopt_core.errors import ToolpathError
 
 MAX_POINTS = 500_000
 """The spline through the points needs all of them at once; longer programs come in streamed formats or in parts."""
+LEAST_DISTANCE_MM = 1e-6
+"""Neighbours closer than this are one point: between them a spline would swing by the rounding of their coordinates."""
 _HEADERS = (("x_mm", "y_mm"), ("x_mm", "y_mm", "z_mm"))
 
 
@@ -53,7 +55,7 @@ def read_points(lines: Iterable[str], source: str) -> ProgrammedPoints:
                 )
         rows.append(_row(line, fields, columns, source, number))
         numbers.append(number)
-        if len(rows) > 1 and rows[-1] == rows[-2]:
+        if len(rows) > 1 and math.dist(rows[-1], rows[-2]) < LEAST_DISTANCE_MM:
             raise ToolpathError(
                 f"repeats the point of line {numbers[-2]}; remove one of them", source=source, line=number, column=1
             )
@@ -89,7 +91,8 @@ def _row(line: str, fields: list[str], columns: int, source: str, number: int) -
     for text in fields:
         place = column + len(text) - len(text.lstrip())
         try:
-            value = float(text)
+            # Python reads 1_0 as 10; no points file means that.
+            value = float(text.replace("_", "?"))
         except ValueError as error:
             raise ToolpathError(
                 f"{text.strip()[:40]!r} is not a number", source=source, line=number, column=place

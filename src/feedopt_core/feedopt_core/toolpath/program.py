@@ -56,4 +56,8 @@ def read_program(text: str, source: str, dimensions: int) -> Iterator[Segment]:
             "has a z coordinate, the machine has no axis for it", source=source, line=programmed.lines[0], column=1
         )
     points_mm = np.pad(points_mm, ((0, 0), (0, missing)))
-    yield from interpolate_points(points_mm, programmed.lines)
+    try:
+        yield from interpolate_points(points_mm, programmed.lines)
+    except ToolpathError as error:
+        error.source = source
+        raise

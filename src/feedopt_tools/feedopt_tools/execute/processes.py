@@ -54,8 +54,10 @@ class GraphProcesses:
 
     def start(self) -> None:
         """Start every node. Raises ConfigError where one is not installed; none is started then."""
-        commands = {node.name: [str(executable_path(node.package, node.executable)), *node.ros_arguments()]
-                    for node in self._nodes}
+        commands = {
+            node.name: [str(executable_path(node.package, node.executable)), *node.ros_arguments()]
+            for node in self._nodes
+        }
         self._log_directory.mkdir(parents=True, exist_ok=True)
         for name, command in commands.items():
             with self.log_path(name).open("wb") as log:

@@ -1,0 +1,65 @@
+"""Knots of the feed profile: joints, bends, rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from core_paths import spline, toolpath_of
+
+from feedopt_core.feedrate.mesh import GROWTH, KnotSpacing, graded_knots
+from feedopt_core.path.toolpath import Toolpath
+
+NOISE = np.column_stack([0.05 * np.arange(120), 1e-3 * np.sin(37.0 * np.arange(120) ** 2)])
+ZIGZAG = np.array([(1.0 * k, 3.0 * (k % 2)) for k in range(14)])
+GENTLE = np.array([(20.0 * k, 2.0 * (k % 3)) for k in range(8)])
+
+
+def window(toolpath: Toolpath, start_mm: float, rest_mm: float | None = 0.01) -> np.ndarray:
+    spacing = KnotSpacing(toolpath, 0.25)
+    return graded_knots(start_mm, toolpath.end_mm, spacing, rest_start_mm=rest_mm, rest_end_mm=0.01)
+
+
+@pytest.mark.parametrize("points", [NOISE, ZIGZAG, GENTLE])
+def test_every_joint_outside_the_elements_at_rest_is_a_knot(points: np.ndarray) -> None:
+    toolpath = toolpath_of(spline(points))
+    knots = window(toolpath, 0.0)
+    joints = toolpath.joints_mm(0.0, toolpath.end_mm)
+    inside = joints[(joints > knots[1]) & (joints < knots[-2])]
+    assert len(inside) >= len(points) - 4
+    assert np.all(np.isin(inside, knots))
+    assert np.all(np.diff(knots) > 0.0)
+    assert knots[0] == 0.0
+    assert knots[-1] == toolpath.end_mm
+
+
+def test_element_at_rest_ends_at_the_first_joint() -> None:
+    toolpath = toolpath_of(spline(NOISE))
+    knots = window(toolpath, 0.0, rest_mm=5.0)
+    assert knots[1] <= toolpath.joints_mm(0.0, 1.0)[1]
+
+
+def test_knots_are_denser_where_the_path_bends() -> None:
+    toolpath = toolpath_of(spline(ZIGZAG))
+    knots = window(toolpath, 0.0)
+    middle, widths = knots[:-1] + 0.5 * np.diff(knots), np.diff(knots)
+    bend = toolpath.bend_length_mm(middle)
+    assert np.min(bend) < 0.2
+    assert np.all(widths <= 0.6 * bend + 1e-3)
+    assert np.all(np.diff(knots) <= 0.25 * (1.0 + 1e-9))
+
+
+def test_spacing_grows_from_rest_by_one_factor() -> None:
+    toolpath = toolpath_of(spline(GENTLE))
+    widths = np.diff(window(toolpath, 0.0))
+    growing = widths[: int(np.argmax(widths > 0.19))]
+    assert growing[0] == pytest.approx(0.01)
+    assert np.allclose(growing[1:] / growing[:-1], GROWTH)
+
+
+def test_window_that_starts_in_motion_has_the_knots_of_the_one_before() -> None:
+    """A state left at a knot is then a state of the same spline: the stop behind it stays feasible."""
+    toolpath = toolpath_of(spline(GENTLE))
+    before = window(toolpath, 0.0)
+    start = before[len(before) // 2]
+    after = window(toolpath, float(start), rest_mm=None)
+    assert np.allclose(after, before[len(before) // 2 :], atol=1e-9)
