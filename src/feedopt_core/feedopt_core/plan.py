@@ -18,6 +18,7 @@ from feedopt_core.feedrate.chunk import Chunk
 from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
 from feedopt_core.interpolation.setpoints import InterpolatorParameters, SetpointStream
 from feedopt_core.path.toolpath import Toolpath
+from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM
 from feedopt_core.toolpath.program import open_program, read_program
 
 _BLOCK_TICKS = 1000
@@ -61,7 +62,9 @@ class Plan:
     first_chunk_s: float
 
 
-def plan_program(path: Path, machine: Machine, parameters: PlannerParameters) -> Plan:
+def plan_program(
+    path: Path, machine: Machine, parameters: PlannerParameters, tolerance_mm: float = DEFAULT_TOLERANCE_MM
+) -> Plan:
     """Plan a program file as the nodes would: segment by segment, chunk by chunk.
 
     Raises:
@@ -70,7 +73,7 @@ def plan_program(path: Path, machine: Machine, parameters: PlannerParameters) ->
     began = time.perf_counter()
     planner = StreamPlanner(machine, parameters)
     toolpath, chunks, first_chunk_s = Toolpath(), list[Chunk](), 0.0
-    for segment in read_program(open_program(path), str(path), machine.dimensions):
+    for segment in read_program(open_program(path), str(path), machine.dimensions, tolerance_mm):
         toolpath.append(segment)
         planner.add_segment(segment)
         while (chunk := planner.next_chunk()) is not None:

@@ -186,3 +186,16 @@ def test_segments_name_the_line_they_start_on() -> None:
         start = programmed.points_mm[programmed.lines.index(segment.place.source_line)]
         assert np.allclose(segment.evaluate(np.zeros(1)).r_mm[0], start, atol=1e-9)
     assert [segment.place.last for segment in segments] == [False] * (len(segments) - 1) + [True]
+
+
+@pytest.mark.parametrize("tolerance_mm", [0.0, -0.01, float("nan"), float("inf")])
+def test_tolerance_that_is_none_is_refused(tolerance_mm: float) -> None:
+    with pytest.raises(ToolpathError, match=r"part\.csv: the tolerance is .* mm, must be above zero"):
+        list(read_program("0,0\n5,1\n9,4\n", "part.csv", 2, tolerance_mm))
+
+
+def test_tolerance_below_rounding_is_refused_with_the_line() -> None:
+    text = "".join(f"{1e9 + 3.1 * k:.3f},{(-1) ** k * 0.7:.3f}\n" for k in range(12))
+    with pytest.raises(ToolpathError, match="the tolerance is 1e-12 mm") as caught:
+        list(read_program(text, "part.csv", 2, 1e-12))
+    assert caught.value.line >= 1

@@ -16,6 +16,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import FeedoptError, ToolpathError
 from feedopt_core.path.segments import Segment
+from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM
 from feedopt_core.toolpath.program import open_program, read_program
 from feedopt_msgs.action import ExecuteProgram
 from feedopt_msgs.msg import NodeStatus
@@ -41,6 +42,12 @@ class ToolpathNodeParameters(MachineNodeParameters):
 
     segments_ahead: int = parameter(
         "Segments published beyond the last one the planner took.", default=200, range=(1, 900)
+    )
+    tolerance_mm: float = parameter(
+        "Largest distance of the smoothed from the programmed path, where a goal gives none.",
+        default=DEFAULT_TOLERANCE_MM,
+        unit="mm",
+        range=(1e-6, 10.0),
     )
     display_spacing_mm: float = parameter(
         "Distance between the points of the displayed path.", default=0.5, unit="mm", range=(1e-3, 1e3)
@@ -160,10 +167,11 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
         return result
 
     def _read(self, request: ExecuteProgram.Goal) -> Iterator[Segment]:
+        tolerance_mm = request.tolerance_mm or self.parameters.tolerance_mm
+        text, source = request.text, "program text"
         if request.path:
-            path = Path(request.path)
-            return read_program(open_program(path), request.name or str(path), self._dimensions)
-        return read_program(request.text, request.name or "program text", self._dimensions)
+            text, source = open_program(Path(request.path)), request.path
+        return read_program(text, request.name or source, self._dimensions, tolerance_mm)
 
     def _publish(self, run: RunningProgram, segment: Segment) -> None:
         message = segment_to_message(segment, run.program_id)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from feedopt_core.arrays import FloatArray
+from feedopt_core.errors import ToolpathError
 from feedopt_core.path.arc_length import ArcLengthMap, StandstillError, map_arc_length
 from feedopt_core.path.nurbs import NurbsCurve
 from feedopt_core.path.segments import NurbsSegment, SegmentPlace
@@ -17,7 +18,13 @@ _INTERVALS = 8
 """Intervals a segment: fewer and longer segments cost less to send and to evaluate, shorter ones arrive earlier."""
 
 
-def interpolate_points(points_mm: FloatArray, source_lines: list[int]) -> Iterator[NurbsSegment]:
+DEFAULT_TOLERANCE_MM = 0.01
+"""Largest distance of the smoothed from the programmed path where the user gives none."""
+
+
+def interpolate_points(
+    points_mm: FloatArray, source_lines: list[int], tolerance_mm: float = DEFAULT_TOLERANCE_MM
+) -> Iterator[NurbsSegment]:
     """Segments of the C2 cubic spline through the points, a few intervals each.
 
     The spline is periodic where the last point repeats the first; else it is not-a-knot at the ends (natural for two
@@ -26,8 +33,10 @@ def interpolate_points(points_mm: FloatArray, source_lines: list[int]) -> Iterat
     Args:
         points_mm: shape (n, dimensions), n >= 2, no two neighbours equal.
         source_lines: line of the program of each point.
+        tolerance_mm: largest distance of the segments from the points; they pass through them but for rounding.
 
     Raises:
+        ToolpathError: a point is further from the segments than the tolerance: it asks for less than rounding leaves.
         StandstillError: the spline turns round on the spot; names the line of the nearest point.
     """
     chords = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_mm, axis=0), axis=1))])
@@ -46,6 +55,14 @@ def interpolate_points(points_mm: FloatArray, source_lines: list[int]) -> Iterat
             nearest = int(np.argmin(np.abs(spline.x - spline.x[first] - error.parameter)))
             error.line, error.column = source_lines[nearest], 1
             raise
+        distances = np.linalg.norm(curve.evaluate(curve.joints)[0] - points_mm[first : stop + 1], axis=1)
+        if not np.max(distances) <= tolerance_mm:
+            worst = int(np.argmax(distances))
+            raise ToolpathError(
+                f"the smoothed path is {distances[worst]:.3g} mm from here; the tolerance is {tolerance_mm:.3g} mm",
+                line=source_lines[first + worst],
+                column=1,
+            )
         place = SegmentPlace(sequence, source_lines[first], s_start_mm, last=stop == count)
         yield NurbsSegment(place, curve, arc_length_map)
         s_start_mm += arc_length_map.length_mm

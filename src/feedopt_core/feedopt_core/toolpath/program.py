@@ -10,7 +10,7 @@ import numpy as np
 
 from feedopt_core.errors import ToolpathError
 from feedopt_core.path.segments import Segment
-from feedopt_core.smoothing.cubic_spline import interpolate_points
+from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM, interpolate_points
 from feedopt_core.toolpath.points_csv import read_points
 
 POINTS_SUFFIXES = (".csv", ".txt")
@@ -37,17 +37,22 @@ def open_program(path: Path) -> str:
         raise ToolpathError("is not UTF-8 text", source=str(path), line=line, column=column) from error
 
 
-def read_program(text: str, source: str, dimensions: int) -> Iterator[Segment]:
+def read_program(
+    text: str, source: str, dimensions: int, tolerance_mm: float = DEFAULT_TOLERANCE_MM
+) -> Iterator[Segment]:
     """Segments of a program of points, in order.
 
     Args:
         text: the program.
         source: its name, for errors.
         dimensions: coordinates of the machine, 2 or 3; a plane program on a machine with z stays at z = 0.
+        tolerance_mm: largest distance of the smoothed from the programmed path, above zero.
 
     Raises:
         ToolpathError: the program cannot be read, or needs a coordinate the machine has not.
     """
+    if not 0.0 < tolerance_mm < float("inf"):
+        raise ToolpathError(f"the tolerance is {tolerance_mm:g} mm, must be above zero", source=source)
     programmed = read_points(io.StringIO(text), source)
     points_mm = programmed.points_mm
     missing = dimensions - points_mm.shape[1]
@@ -57,7 +62,7 @@ def read_program(text: str, source: str, dimensions: int) -> Iterator[Segment]:
         )
     points_mm = np.pad(points_mm, ((0, 0), (0, missing)))
     try:
-        yield from interpolate_points(points_mm, programmed.lines)
+        yield from interpolate_points(points_mm, programmed.lines, tolerance_mm)
     except ToolpathError as error:
         error.source = source
         raise

@@ -12,6 +12,7 @@ import click
 from feedopt_core.config.locate import config_directory
 from feedopt_core.errors import ConfigError
 from feedopt_core.feedrate.planner import PlannerParameters
+from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM
 from feedopt_node.parameters import load_parameters
 from feedopt_tools.command.workspace import workspace_root
 
@@ -30,6 +31,18 @@ def method_option(function: F) -> F:
     """``--method``: the planning method."""
     text = "Planning method; without it, the one in config/nodes/planner.yaml."
     return click.option("--method", default="", metavar="NAME", help=text)(function)
+
+
+def tolerance_option(function: F) -> F:
+    """``--tolerance-mm``: the smoothing tolerance."""
+    text = "Largest distance of the smoothed from the programmed path (a points program is passed through exactly)."
+    return click.option(
+        "--tolerance-mm",
+        type=click.FloatRange(min=0.0, min_open=True),
+        default=DEFAULT_TOLERANCE_MM,
+        show_default=True,
+        help=text,
+    )(function)
 
 
 def planner_parameters(method: str) -> PlannerParameters:

@@ -13,7 +13,7 @@ from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import ConfigError
 from feedopt_core.plan import Plan, Setpoints, plan_program
 from feedopt_tools.command.exit_codes import FAILURE, OK
-from feedopt_tools.command.options import machine_option, method_option, planner_parameters
+from feedopt_tools.command.options import machine_option, method_option, planner_parameters, tolerance_option
 
 _HEADER = "t_s,s_mm,feedrate_mm_s,x_mm,y_mm,z_mm"
 
@@ -22,15 +22,18 @@ _HEADER = "t_s,s_mm,feedrate_mm_s,x_mm,y_mm,z_mm"
 @click.argument("program", type=click.Path(path_type=Path))
 @machine_option
 @method_option
+@tolerance_option
 @click.option("--setpoints", type=click.Path(path_type=Path, dir_okay=False), help="CSV file for the set points.")
 @click.option("--report", type=click.Path(path_type=Path, dir_okay=False), help="JSON file for times and audit.")
-def command(program: Path, machine: str, method: str, setpoints: Path | None, report: Path | None) -> None:
+def command(
+    program: Path, machine: str, method: str, tolerance_mm: float, setpoints: Path | None, report: Path | None
+) -> None:
     """Plan PROGRAM without ROS; write set points and report.
 
     Fails where the audit of the plan does not hold.
     """
     parameters = planner_parameters(method)
-    plan = plan_program(program, load_machine(machine), parameters)
+    plan = plan_program(program, load_machine(machine), parameters, tolerance_mm)
     document = report_document(plan, parameters.method)
     try:
         if setpoints is not None:

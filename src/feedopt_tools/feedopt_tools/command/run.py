@@ -11,7 +11,13 @@ from rich.table import Table
 
 from feedopt_core.toolpath.program import open_program
 from feedopt_tools.command.exit_codes import FAILURE, OK, UNUSABLE_INPUT
-from feedopt_tools.command.options import machine_option, method_option, planner_parameters, run_directory
+from feedopt_tools.command.options import (
+    machine_option,
+    method_option,
+    planner_parameters,
+    run_directory,
+    tolerance_option,
+)
 from feedopt_tools.command.run_display import RunDisplay
 from feedopt_tools.execute.client import ProgramRequest
 from feedopt_tools.execute.execution import Execution, RunOptions, execute_program
@@ -21,9 +27,10 @@ from feedopt_tools.execute.execution import Execution, RunOptions, execute_progr
 @click.argument("program", type=click.Path(path_type=Path))
 @machine_option
 @method_option
+@tolerance_option
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for bag and logs; it must not exist yet.")
 @click.option("--no-sim", is_flag=True, help="Without the simulated router: the interpolator ends the program.")
-def command(program: Path, machine: str, method: str, out: Path | None, no_sim: bool) -> None:
+def command(program: Path, machine: str, method: str, tolerance_mm: float, out: Path | None, no_sim: bool) -> None:
     """Execute PROGRAM on the graph, in real time, and record it.
 
     Ctrl-C stops the motion on the path and ends the run; a second one ends the nodes at once.
@@ -33,7 +40,7 @@ def command(program: Path, machine: str, method: str, out: Path | None, no_sim: 
     open_program(program)
     console = Console()
     options = RunOptions(
-        request=ProgramRequest(program.name, path=program),
+        request=ProgramRequest(program.name, path=program, tolerance_mm=tolerance_mm),
         machine=machine,
         directory=run_directory(out, program.name),
         method=method,

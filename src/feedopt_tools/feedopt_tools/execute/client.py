@@ -27,11 +27,12 @@ _SPIN_S = 0.05
 
 @dataclass(frozen=True)
 class ProgramRequest:
-    """One program to execute: a file, or its text with a name."""
+    """One program to execute: a file, or its text with a name; tolerance 0: as in config/nodes/toolpath.yaml."""
 
     name: str
     path: Path | None = None
     text: str = ""
+    tolerance_mm: float = 0.0
 
 
 @dataclass
@@ -124,6 +125,7 @@ class GraphClient:
             GoalRefusedError: the toolpath node is busy or not ready.
         """
         goal = ExecuteProgram.Goal(
+            tolerance_mm=request.tolerance_mm,
             path=str(request.path.absolute()) if request.path else "",
             text=request.text,
             name=request.name,
