@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.audit.quantities import AxisMotion, motion_rows
+from feedopt_core.audit.quantities import AxisMotion, drive_rows, kinematic_rows
 from feedopt_core.audit.report import AuditReport, AuditRow
 from feedopt_core.config.machine import Machine
 from feedopt_core.feedrate.profile import FeedProfile
@@ -44,7 +44,11 @@ def audit_profile(toolpath: Toolpath, profile: FeedProfile, machine: Machine, t_
         s_mm=states.s_mm,
         t_s=t_start_s + t_s,
     )
-    rows = [_feedrate_row(toolpath, machine, states.v_mm_s, motion), *motion_rows(GRID, machine, motion)]
+    rows = [
+        _feedrate_row(toolpath, machine, states.v_mm_s, motion),
+        *kinematic_rows(GRID, machine, motion),
+        *drive_rows(GRID, machine, motion),
+    ]
     return AuditReport(tuple(rows))
 
 

@@ -52,32 +52,48 @@ def _column(values: tuple[float, ...]) -> FloatArray:
 
 
 def worst_rows(
-    grid: str, machine: Machine, quantity: str, values: FloatArray, limits: tuple[float, ...], motion: AxisMotion
+    grid: str,
+    machine: Machine,
+    quantity: str,
+    values: FloatArray,
+    limits: tuple[float, ...],
+    at: tuple[FloatArray, FloatArray],
 ) -> list[AuditRow]:
-    """One row an axis for the largest absolute value, shape of values (n_axes, n)."""
+    """One row an axis for the largest absolute value.
+
+    Args:
+        grid, quantity: of the rows.
+        machine: for the names of its axes.
+        values: shape (n_axes, n).
+        limits: one an axis.
+        at: arc length and time of the values, shape (n,) each.
+    """
     rows = []
     for name, row, limit in zip(machine.axis_names, np.abs(values), limits, strict=True):
         # argmax finds a NaN first, so it cannot hide.
-        at = int(np.argmax(row))
-        value = float(row[at])
-        rows.append(
-            AuditRow(grid, name, quantity, value, limit, value / limit, float(motion.s_mm[at]), float(motion.t_s[at]))
-        )
+        worst = int(np.argmax(row))
+        value = float(row[worst])
+        place = (float(at[0][worst]), float(at[1][worst]))
+        rows.append(AuditRow(grid, name, quantity, value, limit, value / limit, *place))
     return rows
 
 
-def motion_rows(grid: str, machine: Machine, motion: AxisMotion) -> list[AuditRow]:
-    """Rows of velocity, acceleration, jerk and, where the machine has the models, control signal and tracking error."""
-    rows = worst_rows(grid, machine, "velocity", motion.velocity_mm_s, machine.velocity_limit_mm_s, motion)
-    rows += worst_rows(
-        grid, machine, "acceleration", motion.acceleration_mm_s2, machine.acceleration_limit_mm_s2, motion
-    )
-    rows += worst_rows(grid, machine, "jerk", motion.jerk_mm_s3, machine.jerk_limit_mm_s3, motion)
+def kinematic_rows(grid: str, machine: Machine, motion: AxisMotion) -> list[AuditRow]:
+    """Rows of velocity, acceleration and jerk."""
+    at = (motion.s_mm, motion.t_s)
+    rows = worst_rows(grid, machine, "velocity", motion.velocity_mm_s, machine.velocity_limit_mm_s, at)
+    rows += worst_rows(grid, machine, "acceleration", motion.acceleration_mm_s2, machine.acceleration_limit_mm_s2, at)
+    rows += worst_rows(grid, machine, "jerk", motion.jerk_mm_s3, machine.jerk_limit_mm_s3, at)
+    return rows
+
+
+def drive_rows(grid: str, machine: Machine, motion: AxisMotion) -> list[AuditRow]:
+    """Rows of control signal and tracking error, where the machine has the models."""
+    at, rows = (motion.s_mm, motion.t_s), list[AuditRow]()
     if machine.drive is not None and machine.control_limit_volts is not None:
-        rows += worst_rows(
-            grid, machine, "control", control_signal(machine.drive, motion), machine.control_limit_volts, motion
-        )
+        signal_volts = control_signal(machine.drive, motion)
+        rows += worst_rows(grid, machine, "control", signal_volts, machine.control_limit_volts, at)
     if machine.tracking is not None and machine.tracking_error_limit_mm is not None:
         error_mm = tracking_error(machine.tracking, motion)
-        rows += worst_rows(grid, machine, "tracking_error", error_mm, machine.tracking_error_limit_mm, motion)
+        rows += worst_rows(grid, machine, "tracking_error", error_mm, machine.tracking_error_limit_mm, at)
     return rows

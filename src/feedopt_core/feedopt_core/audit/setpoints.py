@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.audit.quantities import AxisMotion, motion_rows, worst_rows
+from feedopt_core.audit.quantities import AxisMotion, drive_rows, worst_rows
 from feedopt_core.audit.report import AuditReport
 from feedopt_core.config.machine import Machine
 
@@ -45,12 +45,12 @@ def audit_setpoints(
         s_mm=s[inner],
         t_s=t[inner],
     )
-    rows = [row for row in motion_rows(GRID, machine, motion) if row.quantity not in ("velocity", "jerk")]
+    rows = []
     for quantity, values, limits, lag in (
         ("velocity", velocity, machine.velocity_limit_mm_s, 1),
+        ("acceleration", motion.acceleration_mm_s2, machine.acceleration_limit_mm_s2, 2),
         ("jerk", jerk, machine.jerk_limit_mm_s3, 2),
     ):
         at = slice(lag, lag + values.shape[1])
-        shifted = AxisMotion(values, values, values, s[at], t[at])
-        rows += worst_rows(GRID, machine, quantity, values, limits, shifted)
-    return AuditReport(tuple(rows))
+        rows += worst_rows(GRID, machine, quantity, values, limits, (s[at], t[at]))
+    return AuditReport((*rows, *drive_rows(GRID, machine, motion)))

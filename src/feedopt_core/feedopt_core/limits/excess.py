@@ -10,7 +10,7 @@ from feedopt_core.limits.axis_limits import ONE_SIDED_MM, KinematicLimits, axis_
 from feedopt_core.path.sampling import samples_between
 from feedopt_core.path.toolpath import Toolpath
 
-_LEAST_SAMPLES = 13
+_LEAST_SAMPLES = 25
 
 
 def limit_ratios(toolpath: Toolpath, limits: KinematicLimits, profile: FeedProfile) -> FloatArray:
