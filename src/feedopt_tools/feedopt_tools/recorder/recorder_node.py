@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import json
 import sys
-import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
 from rclpy.subscription import Subscription
 
 from feedopt_core.errors import FeedoptError
 from feedopt_msgs.msg import NodeStatus
 from feedopt_node.graph_node import GraphNode
+from feedopt_node.polling import PolledGroup, PollingThread
 from feedopt_node.run import EXIT_FAILURE, EXIT_OK, run_node
 from feedopt_tools.bags.errors import BagWriteError
 from feedopt_tools.recorder.bag_writer import BagWriter
@@ -31,21 +30,6 @@ from feedopt_tools.recorder.sequence_watch import RecorderSummary, SequenceWatch
 NODE_NAME = "recorder"
 SUMMARY_NAME = "recorder_summary.json"
 _GAPS_PRINTED = 5
-
-
-class PolledGroup(CallbackGroup):
-    """Entities that no executor waits for; the node takes their messages itself."""
-
-    def can_execute(self, entity: Any) -> bool:
-        """Never."""
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        """Never."""
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Never called: nothing here is executed."""
 
 
 @dataclass(frozen=True)
@@ -81,14 +65,12 @@ class RecorderNode(GraphNode[RecorderParameters]):
             )
             for topic in topics
         ]
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._record, name="record", daemon=True)
-        self._thread.start()
+        self._polling = PollingThread("record", self.parameters.poll_interval_s, self._record, self._stop_recording)
+        self._polling.start()
 
     def close(self) -> None:
         """Drain what is left and finish the bag; what it recorded and missed goes into it and beside it."""
-        self._stop.set()
-        self._thread.join()
+        self._polling.close()
         try:
             self._drain()
             self._writer.close({"feedopt/recorder": {"summary": json.dumps(self._summary().as_document())}})
@@ -102,13 +84,12 @@ class RecorderNode(GraphNode[RecorderParameters]):
             self._say(f"{gap.topic}: program {gap.program_id}: messages {gap.first} to {gap.last} are missing")
 
     def _record(self) -> None:
-        try:
-            while not self._stop.wait(self.parameters.poll_interval_s):
-                self._drain()
-                self._writer.flush_if_due()
-        except BagWriteError as error:
-            self._fail(error)
-            self.life.report(state=NodeStatus.FAULT, text=self.failure)
+        self._drain()
+        self._writer.flush_if_due()
+
+    def _stop_recording(self, error: Exception) -> None:
+        self._fail(error)
+        self.life.report(state=NodeStatus.FAULT, text=self.failure)
 
     def _drain(self) -> None:
         batch = []
@@ -139,8 +120,8 @@ class RecorderNode(GraphNode[RecorderParameters]):
             failure=self.failure,
         )
 
-    def _fail(self, error: FeedoptError) -> None:
-        self.failure = str(error)
+    def _fail(self, error: Exception) -> None:
+        self.failure = str(error) if isinstance(error, FeedoptError) else repr(error)
         self._say(self.failure)
 
     def _say(self, text: str) -> None:
