@@ -1,0 +1,1 @@
+"""feedopt beside other planners of time-optimal path parametrisation."""

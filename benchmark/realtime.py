@@ -1,0 +1,67 @@
+"""A minute of motion at 1 kHz through the whole graph: ticks, lateness, tracking, recorder.
+
+Run: ``./feedopt bench realtime [--laps N] [--machine NAME]``. The program is the fan contour, lap after lap, without a
+stop in between; it runs in real time on the simulated router and is judged from its recording alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from feedopt_core.config.locate import find_config
+from feedopt_core.toolpath.points_csv import read_points
+from feedopt_tools.bags.read_bag import read_bag
+from feedopt_tools.execute.client import ProgramRequest
+from feedopt_tools.execute.execution import RunEvents, RunOptions, execute_program
+from feedopt_tools.execute.judgement import judge_run
+
+
+def main(argv: list[str]) -> int:
+    """Command line; returns the exit code: 0 where every tick was recorded and every limit held, else 1."""
+    parser = argparse.ArgumentParser(prog="feedopt bench realtime", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--laps", type=int, default=12, help="laps of the fan contour, about 5.3 s each")
+    parser.add_argument("--machine", default="router_simulation", help="machine file or its name")
+    arguments = parser.parse_args(argv)
+    if arguments.laps < 1:
+        parser.error("--laps must be at least 1")
+    progress = Console(stderr=True)
+    load = os.getloadavg()[0]
+    with tempfile.TemporaryDirectory(prefix="feedopt-realtime-") as folder:
+        program = Path(folder) / "laps.csv"
+        program.write_text(laps_program(arguments.laps), encoding="utf-8")
+        options = RunOptions(ProgramRequest(program.name, path=program), arguments.machine, Path(folder) / "run")
+        execution = execute_program(options, RunEvents(stage=progress.print, progress=lambda _: None))
+        if execution.failure is not None:
+            raise execution.failure
+        judgement = judge_run(read_bag(execution.bag))
+    punctuality = judgement.punctuality
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    table.add_row("motion time", f"{judgement.motion_time_s:.3f} s")
+    table.add_row("set points", f"{punctuality.ticks}, missing {punctuality.missing_ticks}")
+    table.add_row("lateness", f"p50 {1e6 * punctuality.p50_s:.0f} us, p99 {1e6 * punctuality.p99_s:.0f} us")
+    table.add_row("late by a period or more", str(punctuality.late_ticks))
+    table.add_row("worst ratio to a limit", f"{judgement.audit.worst.ratio:.4f} ({judgement.audit.worst.quantity})")
+    table.add_row("recorder", f"{100.0 * judgement.recorder_cpu_ratio:.1f} % of a core")
+    table.add_row("load before the run", f"{load:.2f}")
+    Console().print(table)
+    return 0 if judgement.holds else 1
+
+
+def laps_program(laps: int) -> str:
+    """Points of the fan contour, so many times without a stop at its start."""
+    contour = find_config("programs", "fan_contour", ".csv")
+    points = read_points(contour.read_text(encoding="utf-8").splitlines(), contour.name).points_mm
+    every = np.concatenate([np.tile(points[:-1], (laps, 1)), points[-1:]])
+    return "".join(f"{x:.4f},{y:.4f}\n" for x, y in every)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
