@@ -157,7 +157,7 @@ def test_ratios_of_a_profile_are_those_of_its_motion() -> None:
         np.array([50.0, -90.0]),
         np.zeros(2),
     )
-    z = np.linspace(0.0, 1.0, 13)
+    z = np.linspace(0.0, 1.0, 25)
     found = limit_ratios(toolpath, LIMITS, profile)
     for element in range(2):
         at = s[element] + z * (s[element + 1] - s[element])

@@ -166,7 +166,7 @@ def test_the_planner_has_the_parameters_of_its_file() -> None:
 
 def test_checks_come_in_the_order_of_their_cost() -> None:
     titles = [title for title, _ in STAGES]
-    assert [title.split()[0] for title in titles] == ["style", "types", "imports", "unit", "graph"]
+    assert [title.split()[0] for title in titles] == ["style", "format", "types", "imports", "unit", "graph"]
 
 
 @pytest.mark.parametrize(
