@@ -152,8 +152,9 @@ def _run(
 
 def _execute(client: GraphClient, request: ProgramRequest, execution: Execution, events: RunEvents) -> ProgramOutcome:
     client.send(request)
-    events.stage(f"executing {request.name}")
     try:
+        # Within the try: who reads this line may interrupt at once, and the program stops on the path.
+        events.stage(f"executing {request.name}")
         return client.follow(events.progress)
     except KeyboardInterrupt:
         execution.interrupted = True
