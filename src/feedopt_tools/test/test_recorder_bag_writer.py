@@ -31,6 +31,7 @@ def rerun_check(path: Path) -> None:
         pytest.skip("the rerun command is not installed")
     result = subprocess.run([command, "mcap", "check", str(path)], capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout + result.stderr
+    assert "PROBLEM" not in result.stdout, result.stdout
 
 
 def test_an_independent_reader_finds_every_byte(tmp_path: Path) -> None:
@@ -48,6 +49,18 @@ def test_an_independent_reader_finds_every_byte(tmp_path: Path) -> None:
     assert read == written
     assert types == {topic.name: topic.type for topic in TOPICS}
     rerun_check(bag / "run_0.mcap")
+
+
+def test_publish_times_of_several_publishers_run_forward(tmp_path: Path) -> None:
+    first, second = [message for message in messages(DURATION_S) if message.topic == "/axis_state"][:2]
+    writer = BagWriter(tmp_path / "run", TOPICS, schemas(tmp_path / "share"))
+    writer.write("/axis_state", first.payload, log_ns=2_000, publish_ns=1_500)
+    writer.write("/axis_state", second.payload, log_ns=2_001, publish_ns=1_400)
+    writer.close()
+    with writer.path.open("rb") as stream:
+        times = [(message.log_time, message.publish_time) for _, _, message in make_reader(stream).iter_messages()]
+    assert times == [(2_000, 1_500), (2_001, 1_500)]
+    rerun_check(writer.path)
 
 
 def test_metadata_yaml_counts_what_the_file_holds(tmp_path: Path) -> None:

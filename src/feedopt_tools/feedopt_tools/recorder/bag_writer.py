@@ -61,6 +61,7 @@ class BagWriter:
         self.directory = directory
         self.path = directory / f"{directory.name}_0.mcap"
         self.counts: Counter[str] = Counter()
+        self._published_ns: Counter[str] = Counter()
         self._flush_interval_s = flush_interval_s
         self._clock_s = clock_s
         self._start_ns = 0
@@ -93,13 +94,16 @@ class BagWriter:
             topic: one of the topics given at the start.
             payload: the CDR bytes as received, with their 4-byte header.
             log_ns: when it was received, ns since the epoch.
-            publish_ns: when it was sent, ns since the epoch.
+            publish_ns: when it was sent, ns since the epoch; written as no earlier than that of the message before.
             publisher_sequence: number the middleware gave it.
 
         Raises:
             BagWriteError: disk full or folder gone; the file was closed with everything up to the last whole chunk.
         """
         self._check_open()
+        # Several publishers of one topic are heard in another order than they spoke; viewers need both time lines to
+        # run forward. The stamps inside the messages stay as they are.
+        publish_ns = self._published_ns[topic] = max(publish_ns, self._published_ns[topic])
         try:
             self._writer.add_message(
                 self._channels[topic], log_ns, payload, publish_ns, publisher_sequence & 0xFFFFFFFF
