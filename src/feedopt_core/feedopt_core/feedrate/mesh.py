@@ -96,10 +96,13 @@ def _graded_distances(
         joints: distances of joints from rest, increasing; each behind the element at rest is a knot.
     """
     ahead = joints[joints > _LEAST_REST_MM]
-    wanted = float(spacing.at(np.array([rest_mm + sign * _LEAST_REST_MM]))[0])
-    first_mm = min(first_mm, 0.2 * room_mm, wanted, float(ahead[0]) if len(ahead) else np.inf)
+    # The spacings grow to the regular one within this reach (a geometric series), so one look at the path is enough.
+    reach_mm = min(0.8 * room_mm, spacing.largest_mm * GROWTH / (GROWTH - 1.0))
+    distances = np.linspace(min(_LEAST_REST_MM, reach_mm), reach_mm, _DENSITY_SAMPLES * 4)
+    wanted_mm = spacing.at(rest_mm + sign * distances)
+    first_mm = min(first_mm, 0.2 * room_mm, float(wanted_mm[0]), float(ahead[0]) if len(ahead) else np.inf)
     knots, step = [0.0, first_mm], first_mm
-    while step * GROWTH < float(spacing.at(np.array([rest_mm + sign * knots[-1]]))[0]):
+    while step * GROWTH < float(np.interp(knots[-1], distances, wanted_mm)):
         step *= GROWTH
         if knots[-1] + step > 0.8 * room_mm:
             break
