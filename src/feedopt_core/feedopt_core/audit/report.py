@@ -50,10 +50,6 @@ class AuditReport:
         """Every ratio is at most :data:`ALLOWED_RATIO`."""
         return all(row.ratio <= ALLOWED_RATIO for row in self.rows)
 
-    def of_grid(self, grid: str) -> AuditReport:
-        """The rows of one grid."""
-        return AuditReport(tuple(row for row in self.rows if row.grid == grid))
-
     def as_list(self) -> list[dict[str, str | float]]:
         """Rows as plain dictionaries, for JSON."""
         return [asdict(row) for row in self.rows]

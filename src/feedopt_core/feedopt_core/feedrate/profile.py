@@ -173,18 +173,6 @@ class FeedProfile:
         return np.asarray(times)
 
 
-def join(first: FeedProfile, second: FeedProfile) -> FeedProfile:
-    """Two profiles in sequence; the second starts where the first ends."""
-    return FeedProfile(
-        np.concatenate([first.kind, second.kind]),
-        np.concatenate([first.s_mm, second.s_mm[1:]]),
-        np.concatenate([first.q_mm2_s2, second.q_mm2_s2]),
-        np.concatenate([first.dq_ds_mm_s2, second.dq_ds_mm_s2]),
-        np.concatenate([first.d2q_ds2_per_s2, second.d2q_ds2_per_s2]),
-        np.concatenate([first.jerk_mm_s3, second.jerk_mm_s3]),
-    )
-
-
 def _stumpff(k: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """cosh(w t), sinh(w t) / w and (cosh(w t) - 1) / w^2 with w^2 = k of either sign, shape (n,) each."""
     z = k * t**2
