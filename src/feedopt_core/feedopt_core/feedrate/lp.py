@@ -2,7 +2,7 @@
 
 The limits are those of the thesis' LP (section 3.4). Its pseudo-jerk, which bounds sqrt(q) by the solution without jerk
 limit once and for all, is replaced by the jerk limit's own tangent, set anew in every iteration; its objective
-(integral of q) by the motion time. docs/decisions/ holds the comparison.
+(integral of q) by the motion time. docs/decisions/ holds the reasons.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import SolverError
 from feedopt_core.feedrate.mesh import KnotSpacing, QuadraticSpline, graded_knots
-from feedopt_core.feedrate.method import StartState, Window, WindowPlan
+from feedopt_core.feedrate.method import Window, WindowPlan
 from feedopt_core.feedrate.profile import ElementKind, FeedProfile
 from feedopt_core.limits.axis_limits import KinematicLimits, LimitRows, axis_geometry, span_points
 from feedopt_core.limits.excess import limit_ratios
@@ -181,29 +181,16 @@ class _WindowSolve:
 
     def profile(self, control_points: FloatArray) -> FeedProfile:
         q, slope, bend = self.spline.start_of_spans(control_points)
-        m = len(q)
-        kind = np.full(m, int(ElementKind.QUADRATIC))
-        jerk = np.zeros(m)
-        leaves_rest = self.window.start is None
-        ends = ([ElementKind.REST_START] if leaves_rest else [], [ElementKind.REST_END])
-        jerks = (
-            [_rest_jerk(float(control_points[0]), float(self.knots[1] - self.knots[0]))] if leaves_rest else [],
-            [_rest_jerk(float(control_points[-1]), float(self.knots[-1] - self.knots[-2]))],
-        )
-        last = self._end_state(control_points)
-        head = [0.0] if leaves_rest else []
-        return FeedProfile(
-            np.concatenate([np.array(ends[0], dtype=int), kind, np.array(ends[1], dtype=int)]),
-            self.knots,
-            np.concatenate([head, q, [last.q_mm2_s2]]),
-            np.concatenate([head, slope, [last.dq_ds_mm_s2]]),
-            np.concatenate([head, bend, [0.0]]),
-            np.concatenate([jerks[0], jerk, jerks[1]]),
-        )
-
-    def _end_state(self, control_points: FloatArray) -> StartState:
-        h = float(self.spline.widths_mm[-1])
-        return StartState(float(control_points[-1]), 2.0 * float(control_points[-1] - control_points[-2]) / h)
+        count = len(q)
+        end_slope = 2.0 * float(control_points[-1] - control_points[-2]) / float(self.spline.widths_mm[-1])
+        end_jerk = _rest_jerk(float(control_points[-1]), float(self.knots[-1] - self.knots[-2]))
+        kind = [*[ElementKind.QUADRATIC] * count, ElementKind.REST_END]
+        elements = np.array([[*q, control_points[-1]], [*slope, end_slope], [*bend, 0.0], [*np.zeros(count), end_jerk]])
+        if self.window.start is None:
+            start_jerk = _rest_jerk(float(control_points[0]), float(self.knots[1] - self.knots[0]))
+            kind.insert(0, ElementKind.REST_START)
+            elements = np.column_stack([[0.0, 0.0, 0.0, start_jerk], elements])
+        return FeedProfile(np.array(kind, dtype=np.int64), self.knots, *elements)
 
 
 def _rest_jerk(q_mm2_s2: float, width_mm: float) -> float:
