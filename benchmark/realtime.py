@@ -48,6 +48,8 @@ def main(argv: list[str]) -> int:
     table.add_row("set points", f"{punctuality.ticks}, missing {punctuality.missing_ticks}")
     table.add_row("lateness", f"p50 {1e6 * punctuality.p50_s:.0f} us, p99 {1e6 * punctuality.p99_s:.0f} us")
     table.add_row("late by a period or more", str(punctuality.late_ticks))
+    starved = execution.starved_chunk_sequence
+    table.add_row("stopped for want of a chunk", f"last after chunk {starved}" if starved else "never")
     table.add_row("worst ratio to a limit", f"{judgement.audit.worst.ratio:.4f} ({judgement.audit.worst.quantity})")
     table.add_row("recorder", f"{100.0 * judgement.recorder_cpu_ratio:.1f} % of a core")
     table.add_row("load before the run", f"{load:.2f}")
