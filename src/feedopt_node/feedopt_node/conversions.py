@@ -36,7 +36,7 @@ _CERTIFICATE_ROWS = (
 _CERTIFICATE_FIELDS = ("worst_ratio", "worst_quantity", "worst_axis", "worst_s_mm")
 _CHUNK_FIELDS = tuple(entry.name for entry in fields(Chunk) if entry.name not in ("profile", "certificate", "figures"))
 _FIGURES = tuple(entry.name for entry in fields(SolverFigures))
-_PLACE_FIELDS = tuple(entry.name for entry in fields(SegmentPlace))
+_PLACE_FIELDS = tuple(entry.name for entry in fields(SegmentPlace) if entry.name != "events")
 _DRIVE_FIELDS = tuple(entry.name for entry in fields(DriveModel))
 _TRACKING_FIELDS = tuple(entry.name for entry in fields(TrackingModel))
 
@@ -76,6 +76,7 @@ def segment_to_message(segment: Segment, program_id: int) -> ToolpathSegment:
     message = ToolpathSegment(program_id=program_id, kind=int(segment.kind), length_mm=float(segment.length_mm))
     for name in _PLACE_FIELDS:
         set_plain(message, name, getattr(place, name))
+    message.events = list(place.events)
     if isinstance(segment, PlanarSegment):
         message.dimensions = len(segment.start_mm)
         for name in ("start_mm", "tangent", "normal", "rise"):
@@ -101,7 +102,7 @@ def segment_from_message(message: ToolpathSegment) -> Segment:
     Raises:
         ToolpathError: parameters that are no curve.
     """
-    place = SegmentPlace(**{name: getattr(message, name) for name in _PLACE_FIELDS})
+    place = SegmentPlace(**{name: getattr(message, name) for name in _PLACE_FIELDS}, events=tuple(message.events))
     kind = SegmentKind(message.kind)
     if kind is not SegmentKind.NURBS:
         return PlanarSegment(

@@ -52,7 +52,7 @@ def planar(dimensions: int) -> PlanarSegment:
     unit = np.eye(dimensions)
     return PlanarSegment(
         kind=SegmentKind.CLOTHOID,
-        place=SegmentPlace(3, 17, 12.5, 40.0, exact_stop=True),
+        place=SegmentPlace(3, 17, 12.5, 40.0, True, rapid=True, dwell_s=0.25, events=("M3 S900", "M8")),
         length_mm=2.25,
         start_mm=np.arange(1.0, dimensions + 1.0) / 3.0,
         tangent=unit[0],
@@ -100,8 +100,8 @@ def chunk(axes: int) -> Chunk:
     )
     row = tuple(float(i + 1) / 3.0 for i in range(axes))
     certificate = Certificate(row, row, row, (), (), 0.99, "jerk", "X", 1.25)
-    figures = SolverFigures("lp", 10, 20, 3, 0.125, 0.0625, True)
-    return Chunk(4, 9, True, 0.0, 2.0, 3.0, 0.0, 1.5, profile, certificate, figures)
+    figures = SolverFigures("lp", "lp", 10, 20, 3, 0.125, 0.0625, True)
+    return Chunk(4, 9, True, 0.0, 2.0, 3.0, 0.0, 1.5, 0.25, profile, certificate, figures)
 
 
 def test_chunk_survives_the_wire() -> None:

@@ -66,8 +66,8 @@ def chunk() -> Chunk:
     rows = ([1, 2], [0.0, 1.0, 2.0], [0.0, 4.0], [0.0, 0.0], [0.0, 0.0], [1.0, 1.0])
     profile = FeedProfile(*(np.array(row) for row in rows))
     certificate = Certificate((1.0,), (2.0,), (3.0,), (), (), 0.5, "jerk", "X", 1.5)
-    figures = SolverFigures("lp", 1, 2, 3, 0.1, 0.2, False)
-    return Chunk(4, 9, True, 0.0, 2.0, 2.0, 0.0, 1.5, profile, certificate, figures)
+    figures = SolverFigures("lp", "lp", 1, 2, 3, 0.1, 0.2, False)
+    return Chunk(4, 9, True, 0.0, 2.0, 2.0, 0.0, 1.5, 0.25, profile, certificate, figures)
 
 
 def test_diagnostics_name_cost_and_certificate_and_warn_of_a_fallback() -> None:

@@ -50,9 +50,10 @@ class Certificate:
 
 @dataclass(frozen=True)
 class SolverFigures:
-    """What the plan of one window took."""
+    """What the plan of one window took; ``solver`` is the one that found it."""
 
     method: str
+    solver: str
     variables: int
     rows: int
     iterations: int
@@ -66,6 +67,7 @@ class Chunk:
     """Committed part and stop of one window; the fields are those of the message.
 
     ``profile`` runs from ``s_start_mm`` to ``s_stop_mm``, ``s_commit_mm`` is one of its element ends.
+    ``dwell_s`` is the time to wait there, at rest, before the next chunk starts.
     """
 
     sequence: int
@@ -76,6 +78,7 @@ class Chunk:
     s_stop_mm: float
     t_start_s: float
     t_commit_s: float
+    dwell_s: float
     profile: FeedProfile
     certificate: Certificate
     figures: SolverFigures

@@ -69,7 +69,7 @@ class KinematicMethod:
             excess = limit_ratios(toolpath, self.limits, profile[solve.spline_elements])
             worst = float(np.max(excess))
             if worst <= _ACCEPTED:
-                return WindowPlan(profile, len(control_points), rows, iterations)
+                return WindowPlan(profile, self.name, len(control_points), rows, iterations)
             if worst > _SPLIT_ABOVE:
                 solve = _WindowSolve(self.limits, toolpath, window, solve.split_knots(excess))
             else:

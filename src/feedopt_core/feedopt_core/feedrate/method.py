@@ -40,9 +40,10 @@ class Window:
 
 @dataclass(frozen=True)
 class WindowPlan:
-    """Profile from the window's start to rest at its end, with the figures of the solver."""
+    """Profile from the window's start to rest at its end, with the figures of the solver that found it."""
 
     profile: FeedProfile
+    solver: str
     variables: int
     rows: int
     iterations: int

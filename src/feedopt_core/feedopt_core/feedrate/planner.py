@@ -191,6 +191,7 @@ class StreamPlanner:
             commit = max(1, int(np.searchsorted(profile.s_mm, limit_mm, side="right")) - 1)
         figures = SolverFigures(
             self._method.name,
+            plan.solver,
             plan.variables,
             plan.rows,
             plan.iterations,
@@ -208,6 +209,7 @@ class StreamPlanner:
             s_stop_mm=s_stop_mm,
             t_start_s=self._committed.t_s,
             t_commit_s=self._committed.t_s + float(profile.times_s[commit]),
+            dwell_s=self.toolpath.dwell_s(s_commit_mm) if commit == len(profile.kind) else 0.0,
             profile=profile,
             certificate=certificate,
             figures=figures,
@@ -218,7 +220,8 @@ class StreamPlanner:
         count = int(np.searchsorted(chunk.profile.s_mm, chunk.s_commit_mm))
         stop = chunk.profile[count:] if count < len(chunk.profile.kind) else None
         state = None if stop is None else StartState(float(stop.q_mm2_s2[0]), float(stop.dq_ds_mm_s2[0]))
-        self._committed = _Committed(chunk.s_commit_mm, chunk.t_commit_s, state, stop, chunk.sequence)
+        t_s = chunk.t_commit_s + chunk.dwell_s
+        self._committed = _Committed(chunk.s_commit_mm, t_s, state, stop, chunk.sequence)
         # A fallback commits the stop of the chunk before: from now on the next chunk starts there in any case.
         self._stops = {sequence: end for sequence, end in self._stops.items() if end[0] != chunk.s_commit_mm}
         if stop is not None:
@@ -228,7 +231,7 @@ class StreamPlanner:
     @staticmethod
     def _fallback(stop: FeedProfile) -> tuple[WindowPlan, bool]:
         """The stop committed before is a plan that was audited: go on with it and plan again from rest."""
-        return WindowPlan(stop, 0, 0, 0), True
+        return WindowPlan(stop, "stop", 0, 0, 0), True
 
 
 def _audit_failure(chunk: Chunk) -> str:

@@ -150,9 +150,9 @@ class SetpointStream:
         period = self._parameters.period_s
         if newest.last:
             # A hair of slack: a motion time that is a whole number of ticks must not gain one by rounding.
-            motion_end = int(np.ceil((newest.t_commit_s + self._wait_s) / period - 1e-9))
+            motion_end = int(np.ceil((newest.t_commit_s + newest.dwell_s + self._wait_s) / period - 1e-9))
             self._end_tick = motion_end + self._parameters.rest_after_ticks
-        elif last_tick * period - self._wait_s >= newest.t_commit_s:
+        elif last_tick * period - self._wait_s >= newest.t_commit_s + newest.dwell_s:
             self.starved_chunk_sequence = newest.sequence
 
     def _motion(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:

@@ -34,6 +34,9 @@ class SegmentPlace:
         feed_limit_mm_s: programmed feed; infinity where only the machine's limits hold.
         exact_stop: the machine comes to rest at the end of the segment.
         last: no segment follows.
+        rapid: a rapid (G0): moves without cutting.
+        dwell_s: time to wait at rest behind an exact stop at its end.
+        events: words of the program that take effect at its start (spindle, coolant, tool change).
     """
 
     sequence: int
@@ -42,6 +45,9 @@ class SegmentPlace:
     feed_limit_mm_s: float = float("inf")
     exact_stop: bool = False
     last: bool = False
+    rapid: bool = False
+    dwell_s: float = 0.0
+    events: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

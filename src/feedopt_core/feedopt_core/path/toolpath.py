@@ -138,6 +138,17 @@ class Toolpath:
             ]
         )
 
+    def dwell_s(self, s_mm: float) -> float:
+        """Time to wait at an arc length where the machine rests; 0 where no dwell is programmed."""
+        return max(
+            (
+                segment.place.dwell_s
+                for start, segment in zip(self._starts, self._segments, strict=True)
+                if abs(start + segment.length_mm - s_mm) <= JOINT_TOLERANCE_MM
+            ),
+            default=0.0,
+        )
+
 
 def _check_joint(before: Segment, after: Segment) -> None:
     name, line = f"segment {after.place.sequence}", after.place.source_line
