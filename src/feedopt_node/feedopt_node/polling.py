@@ -9,7 +9,9 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import rclpy
 from rclpy.callback_groups import CallbackGroup
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.subscription import Subscription
 
 
@@ -72,4 +74,6 @@ class PollingThread:
             while not self._stop.wait(self._period_s):
                 self._poll()
         except Exception as error:  # noqa: BLE001 (handed on to the node)
-            self._failed(error)
+            # A signal shuts ROS down at any moment; what the call was about to do with it then fails.
+            if rclpy.ok() or not isinstance(error, rclpy_implementation.RCLError):
+                self._failed(error)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
@@ -15,6 +16,7 @@ from rclpy.task import Future
 from feedopt_msgs.msg import NodeStatus
 from feedopt_node.errors import SecondGraphError
 from feedopt_node.graph import Graph
+from feedopt_node.polling import PolledGroup, take_all
 from feedopt_node.qos import qos_profile
 
 STATUS_TOPIC = "/status"
@@ -74,10 +76,11 @@ class NodeLife:
 
     The node is READY once every publisher has its subscriptions and every subscription its publishers.
     ``ended`` is what :func:`feedopt_node.run.run_node` waits for; it ends with the error that ends the process.
-    Any thread may report.
+    Any thread may report. A node that empties its subscriptions itself may say ``polled`` and call :meth:`poll`; the
+    executor then sleeps.
     """
 
-    def __init__(self, node: Node, graph: Graph, present: Sequence[str]) -> None:
+    def __init__(self, node: Node, graph: Graph, present: Sequence[str], *, polled: bool = False) -> None:
         name = node.get_name()
         self._node = node
         self._present = tuple(present)
@@ -94,9 +97,11 @@ class NodeLife:
         qos = qos_profile(graph.topics[STATUS_TOPIC].qos)
         self._publisher = node.create_publisher(NodeStatus, STATUS_TOPIC, qos)
         self.watch_publisher(STATUS_TOPIC, self._publisher)
-        self.watch_subscription(STATUS_TOPIC, node.create_subscription(NodeStatus, STATUS_TOPIC, self._take, qos))
-        node.create_timer(STATUS_PERIOD_S, self._repeat)
-        self._match_timer = node.create_timer(MATCH_PERIOD_S, self._check_matches)
+        group = PolledGroup() if polled else None
+        self._statuses = node.create_subscription(NodeStatus, STATUS_TOPIC, self._take, qos, callback_group=group)
+        self.watch_subscription(STATUS_TOPIC, self._statuses)
+        self._report_timer = node.create_timer(STATUS_PERIOD_S, self._repeat, callback_group=group)
+        self._match_timer = node.create_timer(MATCH_PERIOD_S, self._check_matches, callback_group=group)
 
     @property
     def state(self) -> int:
@@ -130,13 +135,18 @@ class NodeLife:
         self._progress = source
 
     def report(self, **fields: Any) -> None:
-        """Set fields of the status and publish it now."""
+        """Set fields of the status and publish it now; after the end of ROS nobody hears it, and nothing fails."""
         fields = self._progress() | fields
         with self._lock:
             for name, value in fields.items():
                 setattr(self._status, name, value)
             self._status.stamp = self._node.get_clock().now().to_msg()
-            self._publisher.publish(self._status)
+            try:
+                self._publisher.publish(self._status)
+            except rclpy_implementation.RCLError:
+                # A signal shuts ROS down at any moment, and threads of the node may be here then.
+                if self._node.context.ok():
+                    raise
 
     def begin_program(self, program_id: int) -> None:
         """RUNNING on a new program, all counters from zero."""
@@ -163,6 +173,16 @@ class NodeLife:
     def silent_peer(self) -> str | None:
         """Name of a present peer that has fallen silent, None if all are alive."""
         return self.peers.silent(self._present, time.monotonic())
+
+    def poll(self) -> None:
+        """Hear the peers, and do what is due; for a node that is not spun for it."""
+        for status in take_all(self._statuses):
+            self._take(status)
+        for timer in (self._report_timer, self._match_timer):
+            if not timer.is_canceled() and timer.is_ready():
+                with timer.handle:
+                    timer.handle.call_timer()
+                timer.callback()
 
     def _repeat(self) -> None:
         self.report()
