@@ -14,7 +14,7 @@ from feedopt_core.config.locate import config_directory, find_config
 from feedopt_core.config.machine import load_machine, machine_path, parse_machine
 from feedopt_core.errors import ConfigError
 
-SHIPPED = ("case_a", "case_b", "router_experiment", "router_heng", "router_simulation")
+SHIPPED = ("case_a", "case_b", "hbot", "router_experiment", "router_heng", "router_simulation")
 DRIVE_KEYS = ("inertia_volts_s2_mm", "viscous_volts_s_mm", "offset_volts", "coulomb_volts")
 TRACKING_KEYS = ("tracking_kv_s", "tracking_ka_s2", "tracking_kj_s3")
 MODEL_KEYS = (*DRIVE_KEYS, *TRACKING_KEYS)
@@ -112,7 +112,7 @@ def test_gantry_repeats_the_row_of_its_coordinate() -> None:
     assert np.array_equal(machine.axis_matrix(), [[1, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
 
-@pytest.mark.parametrize("key", ["name", "axis_names", "coordinate", "feed_limit_mm_s", *LIMITS])
+@pytest.mark.parametrize("key", ["name", "axis_names", "feed_limit_mm_s"])
 def test_missing_key_is_named(key: str) -> None:
     message = refusal(section(**{key: None}))
     assert message == f"bench.yaml: {key} is missing; machine files have no defaults"

@@ -38,6 +38,7 @@ _CHUNK_FIELDS = tuple(entry.name for entry in fields(Chunk) if entry.name not in
 _FIGURES = tuple(entry.name for entry in fields(SolverFigures))
 _PLACE_FIELDS = tuple(entry.name for entry in fields(SegmentPlace) if entry.name != "events")
 _DRIVE_FIELDS = tuple(entry.name for entry in fields(DriveModel))
+_KINEMATIC_LIMITS = ("velocity_limit_mm_s", "acceleration_limit_mm_s2", "jerk_limit_mm_s3")
 _TRACKING_FIELDS = tuple(entry.name for entry in fields(TrackingModel))
 
 _PLAIN: dict[str, Callable[[Any], object]] = {"boolean": bool, "uint": int, "int": int, "double": float, "string": str}
@@ -170,11 +171,11 @@ def machine_to_message(machine: Machine) -> MachineMessage:
         name=machine.name,
         yaml=machine.yaml_text,
         axis_names=list(machine.axis_names),
-        coordinate=array("B", machine.coordinate),
+        axis_map=doubles(machine.axis_matrix()),
         feed_limit_mm_s=machine.feed_limit_mm_s,
     )
-    for name in ("velocity_limit_mm_s", "acceleration_limit_mm_s2", "jerk_limit_mm_s3"):
-        setattr(message, name, array("d", getattr(machine, name)))
+    for name in _KINEMATIC_LIMITS:
+        setattr(message, name, array("d", [math.nan if math.isinf(x) else x for x in getattr(machine, name)]))
     message.control_limit_volts = array("d", machine.control_limit_volts or unknown)
     message.tracking_error_limit_mm = array("d", machine.tracking_error_limit_mm or unknown)
     for name in _DRIVE_FIELDS:
@@ -185,18 +186,20 @@ def machine_to_message(machine: Machine) -> MachineMessage:
 
 
 def machine_from_message(message: MachineMessage) -> Machine:
-    """Machine as published; None for what is NaN in the message."""
+    """Machine as published; what is NaN in the message is None, a kinematic limit infinity."""
+    limits = {
+        name: tuple(math.inf if math.isnan(x) else float(x) for x in getattr(message, name))
+        for name in _KINEMATIC_LIMITS
+    }
     drive = _model(DriveModel, _DRIVE_FIELDS, message)
     tracking = _model(TrackingModel, _TRACKING_FIELDS, message)
     return Machine(
         name=message.name,
         yaml_text=message.yaml,
         axis_names=tuple(message.axis_names),
-        coordinate=tuple(message.coordinate),
+        axis_map=tuple(tuple(row) for row in floats(message.axis_map).reshape(len(message.axis_names), -1).tolist()),
         feed_limit_mm_s=message.feed_limit_mm_s,
-        velocity_limit_mm_s=tuple(message.velocity_limit_mm_s),
-        acceleration_limit_mm_s2=tuple(message.acceleration_limit_mm_s2),
-        jerk_limit_mm_s3=tuple(message.jerk_limit_mm_s3),
+        **limits,
         control_limit_volts=_known(message.control_limit_volts),
         drive=drive,
         tracking_error_limit_mm=_known(message.tracking_error_limit_mm),

@@ -114,7 +114,7 @@ def test_chunk_survives_the_wire() -> None:
     np.testing.assert_array_equal(original.profile.states_at(t_s).s_mm, again.profile.states_at(t_s).s_mm)
 
 
-@pytest.mark.parametrize("name", ["router_simulation", "case_b"])
+@pytest.mark.parametrize("name", ["router_simulation", "case_b", "hbot"])
 def test_machine_survives_the_wire(name: str) -> None:
     machine = load_machine(name)
     again: Machine = machine_from_message(over_the_wire(machine_to_message(machine)))

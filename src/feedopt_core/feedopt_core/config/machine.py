@@ -1,4 +1,8 @@
-"""Machine files: axes, limits and the identified drive model. Limits have no defaults."""
+"""Machine files: axes, limits and the identified drive model.
+
+No limit has a default. A limit of velocity, acceleration or jerk may be absent where something else that the file gives
+bounds the motion: it is then infinity, and nothing is checked against it.
+"""
 
 from __future__ import annotations
 
@@ -46,6 +50,8 @@ class TrackingModel:
 class Machine:
     """Axes and limits of a machine; every tuple has one entry an axis.
 
+    ``axis_map`` holds the rows of the axis map K: axis position = K tool position, both in mm.
+    The limits of velocity, acceleration and jerk are infinity where the file gives none.
     ``control_limit_volts`` comes with ``drive`` and ``tracking_error_limit_mm`` with ``tracking``; both are None where
     the file gives no such model.
     """
@@ -53,7 +59,7 @@ class Machine:
     name: str
     yaml_text: str
     axis_names: tuple[str, ...]
-    coordinate: tuple[int, ...]
+    axis_map: tuple[tuple[float, ...], ...]
     feed_limit_mm_s: float
     velocity_limit_mm_s: tuple[float, ...]
     acceleration_limit_mm_s2: tuple[float, ...]
@@ -66,13 +72,18 @@ class Machine:
     @property
     def dimensions(self) -> int:
         """Number of tool coordinates the axes span: 2 (x, y) or 3 (x, y, z)."""
-        return max(self.coordinate) + 1
+        return len(self.axis_map[0])
 
     def axis_matrix(self) -> FloatArray:
-        """Axis map K, shape (n_axes, dimensions): axis position = K tool position. A gantry repeats a row."""
-        matrix = np.zeros((len(self.axis_names), self.dimensions))
-        matrix[np.arange(len(self.axis_names)), list(self.coordinate)] = 1.0
-        return matrix
+        """Axis map K, shape (n_axes, dimensions). A gantry repeats a row; the motors of an H-bot mix x and y."""
+        return np.array(self.axis_map)
+
+    def tool_matrix(self) -> FloatArray:
+        """Tool position = this matrix times axis position, shape (dimensions, n_axes).
+
+        Axes that follow the same coordinate are averaged (least squares).
+        """
+        return np.asarray(np.linalg.pinv(self.axis_matrix()), dtype=np.float64)
 
 
 def machine_path(name_or_path: str) -> Path:
@@ -123,7 +134,7 @@ class _MachineSection:
     def machine(self, text: str) -> Machine:
         drive_keys, tracking_keys = _model_keys(DriveModel), _model_keys(TrackingModel)
         drive_limit, tracking_limit = "control_limit_volts", "tracking_error_limit_mm"
-        known = {"name", "source", "axis_names", "coordinate", "feed_limit_mm_s", *_LIMITS}
+        known = {"name", "source", "axis_names", "coordinate", "axis_map", "feed_limit_mm_s", *_LIMITS}
         known |= {drive_limit, *drive_keys, tracking_limit, *tracking_keys}
         for key in self.section:
             if key not in known:
@@ -132,13 +143,16 @@ class _MachineSection:
         # A model is given as a whole, with its limit, or not at all.
         has_drive = any(key in self.section for key in (drive_limit, *drive_keys))
         has_tracking = any(key in self.section for key in (tracking_limit, *tracking_keys))
-        return Machine(
+        machine = Machine(
             name=str(self._value("name")),
             yaml_text=text,
             axis_names=names,
-            coordinate=self._coordinate(names),
+            axis_map=self._axis_map(names),
             feed_limit_mm_s=self._positive("feed_limit_mm_s", self._value("feed_limit_mm_s")),
-            **{key: self._row(key, names, positive=True) for key in _LIMITS},
+            **{
+                key: self._row(key, names, positive=True) if key in self.section else (math.inf,) * len(names)
+                for key in _LIMITS
+            },
             control_limit_volts=self._row(drive_limit, names, positive=True) if has_drive else None,
             drive=DriveModel(**{key: self._row(key, names, signed=key == "offset_volts") for key in drive_keys})
             if has_drive
@@ -148,6 +162,26 @@ class _MachineSection:
             if has_tracking
             else None,
         )
+        self._refuse_unbounded(machine)
+        return machine
+
+    def _refuse_unbounded(self, machine: Machine) -> None:
+        """Velocity is bounded by the feed limit at least; acceleration and jerk need a limit or a model."""
+        free = (0.0,) * len(machine.axis_names)
+        inertia = machine.drive.inertia_volts_s2_mm if machine.drive else free
+        ka = machine.tracking.tracking_ka_s2 if machine.tracking else free
+        kj = machine.tracking.tracking_kj_s3 if machine.tracking else free
+        for i, name in enumerate(machine.axis_names):
+            if math.isinf(machine.acceleration_limit_mm_s2[i]) and inertia[i] <= 0.0 and ka[i] <= 0.0:
+                raise ConfigError(
+                    f"{self.source}: nothing bounds the acceleration of axis {name}: give acceleration_limit_mm_s2, "
+                    "or a model with inertia_volts_s2_mm or tracking_ka_s2 above zero"
+                )
+            if math.isinf(machine.jerk_limit_mm_s3[i]) and kj[i] <= 0.0:
+                raise ConfigError(
+                    f"{self.source}: nothing bounds the jerk of axis {name}: give jerk_limit_mm_s3, or a tracking "
+                    "model with tracking_kj_s3 above zero"
+                )
 
     def _value(self, key: str) -> Any:
         if key not in self.section:
@@ -162,18 +196,44 @@ class _MachineSection:
             raise ConfigError(f"{self.source}: axis_names has a name twice: {names!r}")
         return tuple(names)
 
-    def _coordinate(self, axis_names: tuple[str, ...]) -> tuple[int, ...]:
+    def _axis_map(self, axis_names: tuple[str, ...]) -> tuple[tuple[float, ...], ...]:
+        if ("coordinate" in self.section) == ("axis_map" in self.section):
+            raise ConfigError(f"{self.source}: give either coordinate or axis_map, one entry an axis")
+        rows = self._coordinate(axis_names) if "coordinate" in self.section else self._matrix(axis_names)
+        matrix = np.array(rows)
+        missing = [COORDINATES[i] for i in range(matrix.shape[1]) if not np.any(matrix[:, i])]
+        if missing:
+            raise ConfigError(f"{self.source}: no axis follows coordinate {missing[0]}")
+        if np.linalg.matrix_rank(matrix) < matrix.shape[1]:
+            raise ConfigError(f"{self.source}: axis_map has dependent rows: the tool can move with every axis at rest")
+        return rows
+
+    def _coordinate(self, axis_names: tuple[str, ...]) -> tuple[tuple[float, ...], ...]:
         letters = self._value("coordinate")
         if not isinstance(letters, list) or len(letters) != len(axis_names):
             raise ConfigError(f"{self.source}: coordinate needs one of x, y, z for each of the {len(axis_names)} axes")
         for name, letter in zip(axis_names, letters, strict=True):
             if letter not in COORDINATES:
                 raise ConfigError(f"{self.source}: coordinate of axis {name} is {letter!r}, must be x, y or z")
-        indices = tuple(COORDINATES.index(letter) for letter in letters)
-        missing = [COORDINATES[i] for i in range(max(*indices, 1) + 1) if i not in indices]
-        if missing:
-            raise ConfigError(f"{self.source}: no axis follows coordinate {missing[0]}")
-        return indices
+        indices = [COORDINATES.index(letter) for letter in letters]
+        return tuple(tuple(float(column == index) for column in range(max(*indices, 1) + 1)) for index in indices)
+
+    def _matrix(self, axis_names: tuple[str, ...]) -> tuple[tuple[float, ...], ...]:
+        rows = self._value("axis_map")
+        if not isinstance(rows, list) or len(rows) != len(axis_names):
+            raise ConfigError(
+                f"{self.source}: axis_map needs {len(axis_names)} rows, one for each of {', '.join(axis_names)}"
+            )
+        for name, row in zip(axis_names, rows, strict=True):
+            if not isinstance(row, list) or len(row) not in (2, 3) or len(row) != len(rows[0]):
+                raise ConfigError(
+                    f"{self.source}: axis_map of axis {name} is {row!r}, must be a list of 2 or 3 factors of x, "
+                    "y (, z), as many in every row"
+                )
+        return tuple(
+            tuple(self._number(f"axis_map of axis {name}", value) for value in row)
+            for name, row in zip(axis_names, rows, strict=True)
+        )
 
     def _row(
         self, key: str, axis_names: tuple[str, ...], *, positive: bool = False, signed: bool = False
