@@ -7,6 +7,7 @@ import numpy as np
 from feedopt_core.arrays import FloatArray
 from feedopt_core.audit.quantities import AxisMotion, drive_rows, kinematic_rows
 from feedopt_core.audit.report import AuditReport, AuditRow
+from feedopt_core.compiled import compiled
 from feedopt_core.config.machine import Machine
 from feedopt_core.feedrate.profile import FeedProfile
 from feedopt_core.path.sampling import samples_between
@@ -15,6 +16,9 @@ from feedopt_core.path.toolpath import Toolpath
 GRID = "fine"
 _INSTANTS = 9
 _INSET = 1e-6
+_INSET_OF_WAY = 1e-9
+_INSET_STEPS = 4.0
+"""Of the arc length as a number: two paths to it may have been rounded differently."""
 
 
 def audit_profile(toolpath: Toolpath, profile: FeedProfile, machine: Machine, t_start_s: float = 0.0) -> AuditReport:
@@ -31,25 +35,40 @@ def audit_profile(toolpath: Toolpath, profile: FeedProfile, machine: Machine, t_
     samples = samples_between(toolpath, profile.s_mm, _INSTANTS)
     # A hair inside the ends: the jerk jumps there, and so may the path's derivatives.
     z = np.clip(samples.z, _INSET, 1.0 - _INSET)
-    t_s = profile.times_s[samples.owner] + z * np.diff(profile.times_s)[samples.owner]
-    states = profile.states_at(t_s)
-    points = toolpath.evaluate(states.s_mm)
-    k = machine.axis_matrix()
-    g1, g2, g3 = ((values @ k.T).T for values in (points.dr_ds, points.d2r_ds2, points.d3r_ds3))
-    v, a, j = states.v_mm_s, states.a_mm_s2, states.j_mm_s3
-    motion = AxisMotion(
-        velocity_mm_s=g1 * v,
-        acceleration_mm_s2=g2 * v**2 + g1 * a,
-        jerk_mm_s3=g3 * v**3 + 3.0 * g2 * v * a + g1 * j,
-        s_mm=states.s_mm,
-        t_s=t_start_s + t_s,
-    )
+    tau_s = z * np.diff(profile.times_s)[samples.owner]
+    states = profile.states_within(samples.owner, tau_s)
+    # Near rest such a hair of time is no way at all: behind an exact stop the path leaves in another direction.
+    start_mm, end_mm = profile.s_mm[samples.owner], profile.s_mm[samples.owner + 1]
+    inset_mm = np.maximum(_INSET_OF_WAY * (end_mm - start_mm), _INSET_STEPS * np.spacing(end_mm))
+    inside_mm = np.clip(states.s_mm, start_mm + inset_mm, end_mm - inset_mm)
+    g = toolpath.axis_derivatives(inside_mm, machine.axis_matrix())
+    velocity, acceleration, jerk = _axis_motion(g, states.v_mm_s, states.a_mm_s2, states.j_mm_s3)
+    t_s = t_start_s + profile.times_s[samples.owner] + tau_s
+    motion = AxisMotion(velocity, acceleration, jerk, states.s_mm, t_s)
     rows = [
         _feedrate_row(toolpath, machine, states.v_mm_s, motion),
         *kinematic_rows(GRID, machine, motion),
         *drive_rows(GRID, machine, motion),
     ]
     return AuditReport(tuple(rows))
+
+
+@compiled
+def _axis_motion(g: FloatArray, v: FloatArray, a: FloatArray, j: FloatArray) -> FloatArray:
+    """Velocity, acceleration and jerk of the axes, shape (3, n_axes, n), by the chain rule.
+
+    Args:
+        g: first three derivatives of the axis positions by arc length, shape (3, n_axes, n).
+        v, a, j: ds/dt, d2s/dt2 and d3s/dt3, shape (n,) each.
+    """
+    out = np.empty(g.shape)
+    for axis in range(g.shape[1]):
+        for i in range(g.shape[2]):
+            g1, g2, g3 = g[0, axis, i], g[1, axis, i], g[2, axis, i]
+            out[0, axis, i] = g1 * v[i]
+            out[1, axis, i] = g2 * v[i] ** 2 + g1 * a[i]
+            out[2, axis, i] = g3 * v[i] ** 3 + 3.0 * g2 * v[i] * a[i] + g1 * j[i]
+    return out
 
 
 def _feedrate_row(toolpath: Toolpath, machine: Machine, v_mm_s: FloatArray, motion: AxisMotion) -> AuditRow:

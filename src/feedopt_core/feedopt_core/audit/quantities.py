@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.audit.report import AuditRow
+from feedopt_core.compiled import compiled
 from feedopt_core.config.machine import DriveModel, Machine, TrackingModel
 
 
@@ -27,28 +29,25 @@ class AxisMotion:
 
 def control_signal(drive: DriveModel, motion: AxisMotion) -> FloatArray:
     """Control signal by the drive model, shape (n_axes, n), V."""
-    v, a = motion.velocity_mm_s, motion.acceleration_mm_s2
-    coulomb = _column(drive.coulomb_volts) * np.sign(v)
-    return (
-        _column(drive.inertia_volts_s2_mm) * a
-        + _column(drive.viscous_volts_s_mm) * v
-        + _column(drive.offset_volts)
-        + coulomb
-    )
+    rows = (drive.inertia_volts_s2_mm, drive.viscous_volts_s_mm, drive.offset_volts, drive.coulomb_volts)
+    return _control_signal(np.array(rows), motion.velocity_mm_s, motion.acceleration_mm_s2)
+
+
+@compiled
+def _control_signal(rows: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+    out = np.empty(v.shape)
+    for axis in range(v.shape[0]):
+        for i in range(v.shape[1]):
+            coulomb = rows[3, axis] * np.sign(v[axis, i])
+            out[axis, i] = rows[0, axis] * a[axis, i] + rows[1, axis] * v[axis, i] + rows[2, axis] + coulomb
+    return out
 
 
 def tracking_error(tracking: TrackingModel, motion: AxisMotion) -> FloatArray:
     """Quasi-static tracking error by the tracking model, shape (n_axes, n), mm."""
-    v, a, j = motion.velocity_mm_s, motion.acceleration_mm_s2, motion.jerk_mm_s3
-    return (
-        _column(tracking.tracking_kv_s) * v
-        + _column(tracking.tracking_ka_s2) * a
-        + _column(tracking.tracking_kj_s3) * j
-    )
-
-
-def _column(values: tuple[float, ...]) -> FloatArray:
-    return np.array(values)[:, None]
+    rows = (tracking.tracking_kv_s, tracking.tracking_ka_s2, tracking.tracking_kj_s3)
+    kv, ka, kj = (np.array(row)[:, None] for row in rows)
+    return kv * motion.velocity_mm_s + ka * motion.acceleration_mm_s2 + kj * motion.jerk_mm_s3
 
 
 def worst_rows(
@@ -59,17 +58,19 @@ def worst_rows(
     limits: tuple[float, ...],
     at: tuple[FloatArray, FloatArray],
 ) -> list[AuditRow]:
-    """One row an axis for the largest absolute value.
+    """One row an axis that has a limit, for the largest absolute value.
 
     Args:
         grid, quantity: of the rows.
         machine: for the names of its axes.
         values: shape (n_axes, n).
-        limits: one an axis.
+        limits: one an axis; infinity makes no row.
         at: arc length and time of the values, shape (n,) each.
     """
     rows = []
     for name, row, limit in zip(machine.axis_names, np.abs(values), limits, strict=True):
+        if math.isinf(limit):
+            continue
         # argmax finds a NaN first, so it cannot hide.
         worst = int(np.argmax(row))
         value = float(row[worst])

@@ -50,15 +50,3 @@ def parameter_rates(r_u: FloatArray, r_uu: FloatArray, r_uuu: FloatArray) -> Par
         second=-along / speed2**2,
         third=(4.0 * along**2 / speed2 - along_u) / (speed2**2 * speed),
     )
-
-
-def by_arc_length(r_mm: FloatArray, r_u: FloatArray, r_uu: FloatArray, r_uuu: FloatArray) -> PathPoints:
-    """Derivatives with respect to arc length from those with respect to a parameter (chain rule), exact."""
-    rates = parameter_rates(r_u, r_uu, r_uuu)
-    first, second, third = rates.first[:, None], rates.second[:, None], rates.third[:, None]
-    return PathPoints(
-        r_mm=r_mm,
-        dr_ds=r_u * first,
-        d2r_ds2=r_uu * first**2 + r_u * second,
-        d3r_ds3=r_uuu * first**3 + 3.0 * r_uu * first * second + r_u * third,
-    )

@@ -6,10 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline, PPoly
+from scipy.interpolate import BSpline
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import ToolpathError
+from feedopt_core.path.pieces import curve_points
 
 
 @dataclass(frozen=True)
@@ -21,13 +22,17 @@ class NurbsCurve:
         knots: shape (n + degree + 1,), not decreasing.
         control_points_mm: shape (n, dimensions).
         weights: shape (n,), positive.
+        spans: start and homogeneous coefficients of each knot span, shape (m, 1 + (degree + 1) (dimensions + 1)), as
+            :mod:`feedopt_core.path.pieces` reads them; derived.
+        joints: parameters where spans meet, first and last of the domain included, shape (m + 1,); derived.
     """
 
     degree: int
     knots: FloatArray
     control_points_mm: FloatArray
     weights: FloatArray
-    _pieces: PPoly
+    spans: FloatArray
+    joints: FloatArray
 
     @classmethod
     def from_control_net(
@@ -61,38 +66,15 @@ class NurbsCurve:
         homogeneous = np.column_stack([control_points_mm * weights[:, None], weights])
         domain = np.unique(knots[degree : count + 1])
         spline = BSpline(knots, homogeneous, degree)
-        taylor = [spline(domain[:-1], nu=k) / math.factorial(k) for k in range(degree, -1, -1)]
-        pieces = PPoly.construct_fast(np.stack(taylor), domain)
-        return cls(degree, knots, control_points_mm, weights, pieces)
-
-    @property
-    def joints(self) -> FloatArray:
-        """Parameters where pieces meet, first and last of the domain included."""
-        joints: FloatArray = self._pieces.x
-        return joints
+        # Shape (degree + 1, spans, dimensions + 1), highest power first.
+        taylor = np.stack([spline(domain[:-1], nu=k) / math.factorial(k) for k in range(degree, -1, -1)])
+        coefficients = taylor.transpose(1, 0, 2).reshape(len(domain) - 1, -1)
+        spans = np.ascontiguousarray(np.column_stack([domain[:-1], coefficients]))
+        return cls(degree, knots, control_points_mm, weights, spans, domain)
 
     def evaluate(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Position and the first three derivatives with respect to u, shape (n, dimensions) each, mm."""
-        piece = np.clip(np.searchsorted(self.joints, u, side="right") - 1, 0, len(self.joints) - 2)
-        x = (u - self.joints[piece])[:, None]
-        c = self._pieces.c[:, piece]
-        value, first, second, third = c[0], np.zeros_like(c[0]), np.zeros_like(c[0]), np.zeros_like(c[0])
-        for row in c[1:]:
-            # Horner's scheme carried through the derivatives (each is the Taylor coefficient).
-            third = third * x + second
-            second = second * x + first
-            first = first * x + value
-            value = value * x + row
-        return _project(value, first, 2.0 * second, 6.0 * third)
-
-
-def _project(
-    h: FloatArray, h_u: FloatArray, h_uu: FloatArray, h_uuu: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """From homogeneous coordinates to the curve: Leibniz' rule for r = (w r) / w."""
-    w, w_u, w_uu, w_uuu = (array[:, -1:] for array in (h, h_u, h_uu, h_uuu))
-    r = h[:, :-1] / w
-    r_u = (h_u[:, :-1] - w_u * r) / w
-    r_uu = (h_uu[:, :-1] - 2.0 * w_u * r_u - w_uu * r) / w
-    r_uuu = (h_uuu[:, :-1] - 3.0 * w_u * r_uu - 3.0 * w_uu * r_u - w_uuu * r) / w
-    return r, r_u, r_uu, r_uuu
+        shape = (len(u), self.control_points_mm.shape[1])
+        r, derivatives = np.empty(shape), np.empty((3, *shape))
+        curve_points(self.spans, self.degree, np.ascontiguousarray(u, dtype=np.float64), r, derivatives)
+        return r, derivatives[0], derivatives[1], derivatives[2]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from feedopt_core.arrays import FloatArray, IntArray
+from feedopt_core.compiled import compiled
 from feedopt_core.path.toolpath import Toolpath
 
 _PROBES = np.linspace(0.01, 0.99, 7)
@@ -37,10 +39,29 @@ def samples_between(toolpath: Toolpath, edges_mm: FloatArray, least: int) -> Sam
         edges_mm: increasing arc lengths, shape (pieces + 1,).
         least: points a piece.
     """
-    widths = np.diff(edges_mm)
-    probes = edges_mm[:-1, None] + _PROBES * widths[:, None]
-    bend = np.min(toolpath.bend_length_mm(probes.ravel()).reshape(probes.shape), axis=1)
-    counts = np.clip(np.ceil(widths / (_BEND_SHARE * bend)), least, _MOST).astype(np.int64)
-    first = np.cumsum(counts) - counts
-    owner = np.repeat(np.arange(len(counts)), counts)
-    return Samples(owner, (np.arange(len(owner)) - first[owner]) / (counts[owner] - 1), first)
+    probes = edges_mm[:-1, None] + _PROBES * np.diff(edges_mm)[:, None]
+    first = _first_points(edges_mm, toolpath.bend_length_mm(probes.ravel()), least)
+    owner, z = np.empty(first[-1], dtype=np.int64), np.empty(first[-1])
+    _spread(first, owner, z)
+    return Samples(owner, z, first[:-1])
+
+
+@compiled
+def _first_points(edges_mm: FloatArray, bend_mm: FloatArray, least: int) -> IntArray:
+    """Index of the first point of each piece, and how many there are in all, shape (pieces + 1,)."""
+    first = np.zeros(len(edges_mm), dtype=np.int64)
+    probes = len(_PROBES)
+    for piece in range(len(edges_mm) - 1):
+        shortest = np.min(bend_mm[piece * probes : (piece + 1) * probes])
+        count = math.ceil((edges_mm[piece + 1] - edges_mm[piece]) / (_BEND_SHARE * shortest))
+        first[piece + 1] = first[piece] + min(max(count, least), _MOST)
+    return first
+
+
+@compiled
+def _spread(first: IntArray, owner: IntArray, z: FloatArray) -> None:
+    for piece in range(len(first) - 1):
+        count = first[piece + 1] - first[piece]
+        for i in range(count):
+            owner[first[piece] + i] = piece
+            z[first[piece] + i] = i / (count - 1)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import ToolpathError
 from feedopt_core.path.arc_length import ArcLengthMap
-from feedopt_core.path.derivatives import PathPoints, by_arc_length
+from feedopt_core.path.derivatives import PathPoints
 from feedopt_core.path.nurbs import NurbsCurve
+from feedopt_core.path.packed import PackedSegment
+from feedopt_core.path.pieces import COLUMNS, NURBS, PLANAR
 
 
 class SegmentKind(IntEnum):
@@ -92,36 +95,19 @@ class PlanarSegment:
         """Arc lengths from the start of the segment between which every derivative is continuous."""
         return np.array([0.0, self.length_mm])
 
+    @cached_property
+    def packed(self) -> PackedSegment:
+        """The segment as it is evaluated."""
+        row, dimensions = np.zeros((1, COLUMNS)), len(self.start_mm)
+        slope = np.sqrt(max(0.0, 1.0 - float(self.rise @ self.rise)))
+        row[0, :6] = 0.0, self.length_mm, PLANAR, slope, self.curvature_start_per_mm, self.sharpness_per_mm2
+        for first, vector in ((6, self.start_mm), (9, self.tangent), (12, self.normal), (15, self.rise)):
+            row[0, first : first + dimensions] = vector
+        return PackedSegment(dimensions, np.zeros(1), row, np.empty(0))
+
     def evaluate(self, s_mm: FloatArray) -> PathPoints:
         """Path at arc lengths from the start of the segment, shape (n,)."""
-        slope = float(np.sqrt(max(0.0, 1.0 - float(self.rise @ self.rise))))
-        in_plane = s_mm * slope
-        angle = in_plane * (self.curvature_start_per_mm + 0.5 * self.sharpness_per_mm2 * in_plane)
-        curvature = self.curvature_start_per_mm + self.sharpness_per_mm2 * in_plane
-        along = np.cos(angle)[:, None] * self.tangent + np.sin(angle)[:, None] * self.normal
-        across = np.cos(angle)[:, None] * self.normal - np.sin(angle)[:, None] * self.tangent
-        forward, sideways = self._displacement(in_plane)
-        return PathPoints(
-            r_mm=self.start_mm
-            + forward[:, None] * self.tangent
-            + sideways[:, None] * self.normal
-            + s_mm[:, None] * self.rise,
-            dr_ds=slope * along + self.rise,
-            d2r_ds2=slope**2 * curvature[:, None] * across,
-            d3r_ds3=slope**3 * (self.sharpness_per_mm2 * across - (curvature**2)[:, None] * along),
-        )
-
-    def _displacement(self, in_plane_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """In-plane displacement (forward, sideways): integrals of cos and sin of the heading, Gauss-Legendre."""
-        length = float(np.max(np.abs(in_plane_mm), initial=0.0))
-        turn = length * (abs(self.curvature_start_per_mm) + abs(self.sharpness_per_mm2) * length)
-        panels = max(1, int(np.ceil(turn)))
-        nodes, weights = np.polynomial.legendre.leggauss(12)
-        z = ((np.arange(panels)[:, None] + (nodes + 1.0) / 2.0) / panels).ravel()
-        w = np.tile(weights / (2.0 * panels), panels)
-        x = in_plane_mm[:, None] * z
-        angle = x * (self.curvature_start_per_mm + 0.5 * self.sharpness_per_mm2 * x)
-        return np.asarray(in_plane_mm * (np.cos(angle) @ w)), np.asarray(in_plane_mm * (np.sin(angle) @ w))
+        return self.packed.points(s_mm)
 
 
 @dataclass(frozen=True)
@@ -153,9 +139,25 @@ class NurbsSegment:
         at_knot = np.isin(starts, self.curve.joints)
         return np.append(self.arc_length_map.s_mm[:-1][at_knot], self.length_mm)
 
+    @cached_property
+    def packed(self) -> PackedSegment:
+        """The segment as it is evaluated."""
+        starts, coefficients = self.arc_length_map.s_mm, self.arc_length_map.coefficients
+        spans = self.curve.spans
+        rows = np.zeros((len(coefficients), COLUMNS))
+        rows[:, 1], rows[:, 2] = self.length_mm, NURBS
+        rows[:, 3], rows[:, 4], rows[:, 5:13] = starts[:-1], np.diff(starts), coefficients
+        own = np.clip(np.searchsorted(self.curve.joints, coefficients[:, 0], side="right") - 1, 0, len(spans) - 1)
+        rows[:, 13], rows[:, 15], rows[:, 16] = (
+            self.curve.degree,
+            spans.shape[1] * (len(spans) - 1),
+            spans.shape[1] * own,
+        )
+        return PackedSegment(self.curve.control_points_mm.shape[1], starts[:-1], rows, spans.ravel())
+
     def evaluate(self, s_mm: FloatArray) -> PathPoints:
         """Path at arc lengths from the start of the segment, shape (n,)."""
-        return by_arc_length(*self.curve.evaluate(self.arc_length_map.parameter(s_mm)))
+        return self.packed.points(s_mm)
 
 
 Segment = PlanarSegment | NurbsSegment

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
+
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import ToolpathError
 from feedopt_core.path.derivatives import PathPoints
+from feedopt_core.path.packed import PackedPath, Queue
+from feedopt_core.path.pieces import bend_lengths, lowest_at, mapped
 from feedopt_core.path.segments import Segment
 
 JOINT_TOLERANCE_MM = 1e-6
@@ -20,8 +25,13 @@ class Toolpath:
     """
 
     def __init__(self) -> None:
-        self._segments: list[Segment] = []
-        self._starts: list[float] = []
+        self._segments: deque[Segment] = deque()
+        self._packed: PackedPath | None = None
+        # A row a segment: where it starts, where it ends, its feed, whether it ends in an exact stop, its dwell.
+        self._table = Queue(5)
+        self._joints = Queue()
+        # First and last point of the newest segment.
+        self._newest: PathPoints | None = None
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -31,12 +41,12 @@ class Toolpath:
     @property
     def start_mm(self) -> float:
         """Smallest arc length that can be evaluated."""
-        return self._starts[0] if self._starts else 0.0
+        return self._segments[0].place.s_start_mm if self._segments else 0.0
 
     @property
     def end_mm(self) -> float:
         """Largest arc length that can be evaluated."""
-        return self._starts[-1] + self._segments[-1].length_mm if self._segments else 0.0
+        return float(self._table.held[-1, 1]) if self._segments else 0.0
 
     @property
     def complete(self) -> bool:
@@ -56,19 +66,39 @@ class Toolpath:
                     f"segment {segment.place.sequence} came after {before.place.sequence}: one is lost, send all again",
                     line=segment.place.source_line,
                 )
-            _check_joint(before, segment)
         elif segment.place.sequence != 1:
             raise ToolpathError(
                 f"the first segment has sequence {segment.place.sequence}: the start of the program is lost"
             )
+        ends = segment.evaluate(np.array([0.0, segment.length_mm]))
+        if self._newest is not None:
+            _check_joint(self._segments[-1], self._newest, segment, ends)
+        place, joints = segment.place, segment.place.s_start_mm + segment.joints_mm
+        end_mm = place.s_start_mm + segment.length_mm
+        if self._packed is None:
+            self._packed = PackedPath(segment.packed.dimensions)
+        self._packed.append(segment.packed, place.s_start_mm)
         self._segments.append(segment)
-        self._starts.append(segment.place.s_start_mm)
+        self._newest = ends
+        self._table.append(
+            np.array([[place.s_start_mm, end_mm, place.feed_limit_mm_s, place.exact_stop, place.dwell_s]])
+        )
+        # One joint where two segments meet, however their lengths were rounded.
+        self._joints.shorten(min(1, len(self._joints)))
+        self._joints.append(joints)
 
     def discard_before(self, s_mm: float) -> None:
         """Forget the segments that end before an arc length."""
         count = max(0, int(np.searchsorted(self._starts, s_mm, side="right")) - 1)
-        del self._segments[:count]
-        del self._starts[:count]
+        if count and self._packed is not None:
+            for _ in range(count):
+                self._packed.drop(self._segments.popleft().packed)
+            self._table.drop(count)
+            self._joints.drop(int(np.searchsorted(self._joints.held, self._segments[0].place.s_start_mm)))
+
+    @property
+    def _starts(self) -> FloatArray:
+        return self._table.held[:, 0]
 
     def evaluate(self, s_mm: FloatArray) -> PathPoints:
         """Path at arc lengths inside the part that is held, shape (n,), in any order.
@@ -76,81 +106,75 @@ class Toolpath:
         Raises:
             ToolpathError: an arc length lies outside that part.
         """
-        s_mm = np.asarray(s_mm, dtype=float)
-        slack = 1e-9 * max(1.0, self.end_mm)
-        if not self._segments or not np.all((s_mm >= self.start_mm - slack) & (s_mm <= self.end_mm + slack)):
+        return self._holding(s_mm).points(s_mm)
+
+    def axis_derivatives(self, s_mm: FloatArray, axis_matrix: FloatArray) -> FloatArray:
+        """First three derivatives of the axis positions K r at arc lengths inside the part that is held.
+
+        Args:
+            s_mm: shape (n,), in any order.
+            axis_matrix: axis map K, shape (n_axes, dimensions).
+
+        Returns:
+            Shape (3, n_axes, n).
+
+        Raises:
+            ToolpathError: an arc length lies outside that part, or the axis map has other dimensions than the path.
+        """
+        derivatives = self._holding(s_mm).derivatives(s_mm)
+        if axis_matrix.shape[1] != derivatives.shape[2]:
             raise ToolpathError(
-                f"s from {np.min(s_mm, initial=np.inf):g} to {np.max(s_mm, initial=-np.inf):g} mm is outside the path, "
-                f"{self.start_mm:g} to {self.end_mm:g} mm"
+                f"the path has {derivatives.shape[2]} coordinates, "
+                f"the axes of the machine follow {axis_matrix.shape[1]}"
             )
-        owner = np.clip(np.searchsorted(self._starts, s_mm, side="right") - 1, 0, len(self._segments) - 1)
-        first = self._segments[int(owner[0])].evaluate(np.zeros(0)) if s_mm.size else None
-        dimensions = first.r_mm.shape[1] if first else 2
-        out = [np.empty((len(s_mm), dimensions)) for _ in range(4)]
-        order = np.argsort(owner, kind="stable")
-        edges = np.flatnonzero(np.diff(owner[order])) + 1
-        for group in np.split(order, edges) if s_mm.size else ():
-            index = int(owner[group[0]])
-            segment = self._segments[index]
-            local = np.clip(s_mm[group] - self._starts[index], 0.0, segment.length_mm)
-            points = segment.evaluate(local)
-            for array, values in zip(out, (points.r_mm, points.dr_ds, points.d2r_ds2, points.d3r_ds3), strict=True):
-                array[group] = values
-        return PathPoints(*out)
+        return mapped(np.ascontiguousarray(axis_matrix), derivatives)
+
+    def _holding(self, s_mm: FloatArray) -> PackedPath:
+        """The path, where it holds all of these arc lengths."""
+        slack = 1e-9 * max(1.0, self.end_mm)
+        low, high = float(np.min(s_mm, initial=np.inf)), float(np.max(s_mm, initial=-np.inf))
+        # Written so that a NaN is refused.
+        inside = low >= self.start_mm - slack and high <= self.end_mm + slack
+        if self._packed is None or not (inside or not len(s_mm)):
+            raise ToolpathError(
+                f"s from {low:g} to {high:g} mm is outside the path, {self.start_mm:g} to {self.end_mm:g} mm"
+            )
+        return self._packed
 
     def feed_limits_mm_s(self, s_mm: FloatArray) -> FloatArray:
         """Programmed feed at arc lengths, shape (n,); the lower one at a joint."""
-        limits = np.array([segment.place.feed_limit_mm_s for segment in self._segments])
-        right = np.clip(np.searchsorted(self._starts, s_mm, side="right") - 1, 0, len(limits) - 1)
-        left = np.clip(np.searchsorted(self._starts, s_mm, side="left") - 1, 0, len(limits) - 1)
-        return np.asarray(np.minimum(limits[left], limits[right]))
+        starts, _, limits = np.ascontiguousarray(self._table.held[:, :3].T)
+        return lowest_at(starts, limits, np.ascontiguousarray(s_mm, dtype=np.float64))
 
     def joints_mm(self, start_mm: float, end_mm: float) -> FloatArray:
         """Arc lengths where a derivative of the path may jump, increasing.
 
         From the last one at or before start_mm to the first one at or behind end_mm.
         """
-        joints = [
-            start + segment.joints_mm
-            for start, segment in zip(self._starts, self._segments, strict=True)
-            if start < end_mm and start + segment.length_mm > start_mm
-        ]
-        every = np.unique(np.concatenate(joints))
+        every = self._joints.held
         first = max(0, int(np.searchsorted(every, start_mm, side="right")) - 1)
-        return every[first : int(np.searchsorted(every, end_mm, side="left")) + 1]
+        return np.asarray(every[first : int(np.searchsorted(every, end_mm, side="left")) + 1].copy())
 
     def bend_length_mm(self, s_mm: FloatArray) -> FloatArray:
         """Length over which the path bends noticeably at arc lengths, shape (n,).
 
         With k the curvature vector, the smaller of ``1 / |k|`` and ``1 / sqrt |dk/ds|``.
         """
-        points = self.evaluate(s_mm)
-        bend = np.maximum(np.linalg.norm(points.d2r_ds2, axis=1), np.sqrt(np.linalg.norm(points.d3r_ds3, axis=1)))
-        return np.asarray(1.0 / np.maximum(bend, 1e-12))
+        return bend_lengths(self._holding(s_mm).derivatives(s_mm))
 
     def exact_stops_mm(self) -> FloatArray:
         """Arc lengths of the ends of segments where the machine must come to rest, increasing."""
-        return np.array(
-            [
-                start + segment.length_mm
-                for start, segment in zip(self._starts, self._segments, strict=True)
-                if segment.place.exact_stop
-            ]
-        )
+        table = self._table.held
+        return np.asarray(table[table[:, 3] > 0.0, 1])
 
     def dwell_s(self, s_mm: float) -> float:
         """Time to wait at an arc length where the machine rests; 0 where no dwell is programmed."""
-        return max(
-            (
-                segment.place.dwell_s
-                for start, segment in zip(self._starts, self._segments, strict=True)
-                if abs(start + segment.length_mm - s_mm) <= JOINT_TOLERANCE_MM
-            ),
-            default=0.0,
-        )
+        table = self._table.held
+        first, last = np.searchsorted(table[:, 1], [s_mm - JOINT_TOLERANCE_MM, s_mm + JOINT_TOLERANCE_MM])
+        return float(np.max(table[first:last, 4], initial=0.0))
 
 
-def _check_joint(before: Segment, after: Segment) -> None:
+def _check_joint(before: Segment, before_ends: PathPoints, after: Segment, after_ends: PathPoints) -> None:
     name, line = f"segment {after.place.sequence}", after.place.source_line
     if before.place.last:
         raise ToolpathError(f"{name} comes after the last one of its program", line=line)
@@ -159,12 +183,16 @@ def _check_joint(before: Segment, after: Segment) -> None:
         raise ToolpathError(
             f"{name} starts at s = {after.place.s_start_mm:g} mm, the one before ends at {expected_mm:g} mm", line=line
         )
-    end, start = before.evaluate(np.array([before.length_mm])), after.evaluate(np.zeros(1))
-    gap_mm = float(np.linalg.norm(start.r_mm - end.r_mm))
-    if not gap_mm <= JOINT_TOLERANCE_MM * max(1.0, float(np.max(np.abs(end.r_mm)))):
+    end_mm = before_ends.r_mm[1]
+    gap_mm = _distance(after_ends.r_mm[0], end_mm)
+    if not gap_mm <= JOINT_TOLERANCE_MM * max(1.0, *map(abs, end_mm.tolist())):
         raise ToolpathError(f"{name} starts {gap_mm:g} mm from the end of the one before", line=line)
-    turn = float(np.linalg.norm(start.dr_ds - end.dr_ds))
+    turn = _distance(after_ends.dr_ds[0], before_ends.dr_ds[1])
     if not before.place.exact_stop and not turn <= JOINT_TOLERANCE:
         raise ToolpathError(
             f"{name} turns by {turn:g} rad from the one before: smooth the corner or stop there", line=line
         )
+
+
+def _distance(first: FloatArray, second: FloatArray) -> float:
+    return math.dist(first.tolist(), second.tolist())
