@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from feedopt_core.arrays import FloatArray, IntArray
+from feedopt_core.audit.deviation import DeviationReport, measure_deviation
 from feedopt_core.audit.fine_grid import audit_profile
 from feedopt_core.audit.report import AuditReport, merge
 from feedopt_core.audit.setpoints import audit_setpoints
@@ -19,7 +20,8 @@ from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
 from feedopt_core.interpolation.setpoints import InterpolatorParameters, SetpointStream
 from feedopt_core.path.toolpath import Toolpath
 from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM
-from feedopt_core.toolpath.program import open_program, read_program
+from feedopt_core.smoothing.layers import LayerTransitions
+from feedopt_core.toolpath.program import ProgramKind, open_program, read_moves, read_program
 
 _BLOCK_TICKS = 1000
 
@@ -48,6 +50,7 @@ class Plan:
         chunks: as they would be published.
         setpoints: at the interpolator's period.
         audit: worst ratios on the fine grid and at the set points.
+        deviation: of the smoothed from the programmed path; None for points, which are passed through.
         motion_time_s: from rest to rest.
         compute_time_s: reading, smoothing and planning.
         first_chunk_s: the part of that until the first chunk.
@@ -57,15 +60,27 @@ class Plan:
     chunks: tuple[Chunk, ...]
     setpoints: Setpoints
     audit: AuditReport
+    deviation: DeviationReport | None
     motion_time_s: float
     compute_time_s: float
     first_chunk_s: float
 
 
 def plan_program(
-    path: Path, machine: Machine, parameters: PlannerParameters, tolerance_mm: float = DEFAULT_TOLERANCE_MM
+    path: Path,
+    machine: Machine,
+    parameters: PlannerParameters,
+    tolerance_mm: float = DEFAULT_TOLERANCE_MM,
+    transitions: LayerTransitions | None = None,
 ) -> Plan:
     """Plan a program file as the nodes would: segment by segment, chunk by chunk.
+
+    Args:
+        path: of the program.
+        machine: with its limits.
+        parameters: of the planner.
+        tolerance_mm: largest distance of the smoothed from the programmed path, above zero.
+        transitions: replace the ways between layers of closed contours; None: all as programmed.
 
     Raises:
         ToolpathError, InfeasibleLimitsError, SolverError, ConfigError: see their places.
@@ -73,7 +88,8 @@ def plan_program(
     began = time.perf_counter()
     planner = StreamPlanner(machine, parameters)
     toolpath, chunks, first_chunk_s = Toolpath(), list[Chunk](), 0.0
-    for segment in read_program(open_program(path), str(path), machine.dimensions, tolerance_mm):
+    program = open_program(path)
+    for segment in read_program(program, str(path), machine.dimensions, tolerance_mm, transitions):
         toolpath.append(segment)
         planner.add_segment(segment)
         while (chunk := planner.next_chunk()) is not None:
@@ -88,7 +104,12 @@ def plan_program(
     period_s = InterpolatorParameters().period_s
     sampled = audit_setpoints(setpoints.position_mm, setpoints.s_mm, period_s, machine)
     audit = merge([*fine, sampled])
-    return Plan(toolpath, tuple(chunks), setpoints, audit, planner.committed_t_s, compute_time_s, first_chunk_s)
+    deviation = None
+    if program.kind is not ProgramKind.POINTS:
+        moves = read_moves(program, str(path), transitions)
+        deviation = measure_deviation(moves, toolpath.segments, tolerance_mm)
+    times_s = planner.committed_t_s, compute_time_s, first_chunk_s
+    return Plan(toolpath, tuple(chunks), setpoints, audit, deviation, *times_s)
 
 
 def interpolate(toolpath: Toolpath, chunks: list[Chunk], machine: Machine) -> Setpoints:

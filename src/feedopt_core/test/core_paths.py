@@ -23,8 +23,10 @@ def kinematic_machine(
 ) -> Machine:
     """Machine without a drive model; one coordinate an axis; mm and s."""
     count = len(velocity)
-    names = ("X", "Y", "Z")[:count]
-    return Machine("test", "", names, tuple(range(count)), feed, tuple(velocity), tuple(acceleration), tuple(jerk))
+    axis_map = tuple(tuple(row) for row in np.eye(count).tolist())
+    return Machine(
+        "test", "", ("X", "Y", "Z")[:count], axis_map, feed, tuple(velocity), tuple(acceleration), tuple(jerk)
+    )
 
 
 def drive_machine(
@@ -46,7 +48,7 @@ def drive_machine(
         name="test",
         yaml_text="",
         axis_names=("X", "Y"),
-        coordinate=(0, 1),
+        axis_map=((1.0, 0.0), (0.0, 1.0)),
         feed_limit_mm_s=150.0,
         velocity_limit_mm_s=(150.0, 150.0),
         acceleration_limit_mm_s2=(500.0, 3340.0),

@@ -12,13 +12,8 @@ from scipy.optimize import LinearConstraint, linprog, minimize
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import SolverError
 from feedopt_core.feedrate.mesh import QuadraticSpline
-from feedopt_core.solvers.banded_interior_point import (
-    FixedStart,
-    RestEnd,
-    TimeProblem,
-    local_products,
-    minimise_time,
-)
+from feedopt_core.solvers.banded_interior_point import FixedStart, RestEnd, TimeProblem, minimise_time
+from feedopt_core.solvers.interior_point_data import BEND, LINE, ROOT, ROW_SIZE, Rows
 
 Z = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90.0
@@ -45,14 +40,24 @@ class Straight:
         return np.concatenate([value / self.q_max, slope / self.slope_limit, -slope / self.slope_limit], axis=1)
 
     def problem(self, start: FixedStart | RestEnd, end: RestEnd) -> TimeProblem:
-        value = self.spline.basis(Z)[0]
-        weights = BOOLE[:, None] * self.spline.widths_mm
-        rows = self.rows
-        return TimeProblem(value, weights, lambda _: rows.copy(), start, end)
+        value = self.spline.basis(Z)[0].transpose(2, 1, 0).copy()
+        weights = np.outer(self.spline.widths_mm, BOOLE)
+        # One-sided rows, three kinds a point.
+        linear = self.rows.reshape(3, 3, len(Z), -1).transpose(3, 2, 1, 0)
+        coefficients = np.zeros((*linear.shape[:3], ROW_SIZE))
+        coefficients[..., LINE : LINE + 3] = linear
+        inverse_limits = np.broadcast_to([1.0, 0.0], (*linear.shape[:3], 2)).copy()
+        return TimeProblem(Rows(value, weights, coefficients, inverse_limits, np.zeros(3)), start, end)
 
     def time(self, control_points: FloatArray) -> float:
         q = local_products(self.spline.basis(Z)[0], control_points)
         return float(np.sum(BOOLE[:, None] * self.spline.widths_mm / np.sqrt(q)))
+
+
+def local_products(coefficients: FloatArray, control_points: FloatArray) -> FloatArray:
+    """``sum_l coefficients[l] c[k + l]``: shape (3, r, m) and (m + 2,) to (r, m)."""
+    m = coefficients.shape[2]
+    return np.asarray(sum(coefficients[i] * control_points[i : m + i] for i in range(3)))
 
 
 def dense(rows: FloatArray) -> FloatArray:
@@ -173,7 +178,7 @@ def test_too_fast_to_brake_has_no_solution() -> None:
 
 def test_iterations_may_run_out() -> None:
     straight = Straight.of(12, q_max=250.0, slope_limit=60.0, dip=150.0)
-    with pytest.raises(SolverError, match="no convergence in 2 iterations over 14 control points"):
+    with pytest.raises(SolverError, match="no convergence after 2 iterations over 14 control points"):
         minimise_time(straight.problem(REST, REST), np.full(14, 20.0), max_iterations=2)
 
 
@@ -194,3 +199,56 @@ def test_basis_is_that_of_a_general_b_spline() -> None:
         assert np.allclose(local_products(basis, c), oracle(s, nu=order), atol=1e-12)
     for order, values in enumerate(spline.start_of_spans(c)):
         assert np.allclose(values, oracle(knots[:-1], nu=order), atol=1e-12)
+
+
+def driven_rows(spline: QuadraticSpline, geometry: tuple[float, float, float]) -> Rows:
+    """One axis with torque 1.5 A + 2 g1 sqrt(q) and tracking error 0.4 A + 0.1 g1 sqrt(q) + 0.05 sqrt(q) W."""
+    g1, g2, g3 = geometry
+    value, slope, bend = (part.transpose(2, 1, 0) for part in spline.basis(Z))
+    coefficients = np.zeros((*value.shape[:2], 3, ROW_SIZE))
+    inverse_limits = np.zeros((*value.shape[:2], 3, 2))
+    acceleration = g2 * value + 0.5 * g1 * slope
+    coefficients[:, :, 0, LINE : LINE + 3] = value
+    inverse_limits[:, :, 0, 0] = 1.0 / 250.0
+    coefficients[:, :, 1, LINE : LINE + 3], coefficients[:, :, 1, ROOT] = 1.5 * acceleration, 2.0 * g1
+    inverse_limits[:, :, 1] = 1.0 / 40.0, 1.0 / 44.0
+    coefficients[:, :, 2, LINE : LINE + 3], coefficients[:, :, 2, ROOT] = 0.4 * acceleration, 0.1 * g1
+    coefficients[:, :, 2, BEND : BEND + 3] = 0.05 * (g3 * value + 1.5 * g2 * slope + 0.5 * g1 * bend)
+    inverse_limits[:, :, 2] = 1.0 / 6.0
+    weights = np.outer(spline.widths_mm, BOOLE)
+    return Rows(value.copy(), weights, coefficients, inverse_limits, np.array([0.0, 0.0, 1.0]))
+
+
+def room(rows: Rows, control_points: FloatArray) -> FloatArray:
+    """1 - row for every side with a limit, from the definition of a row."""
+    c = np.stack([control_points[i : len(rows.basis) + i] for i in range(3)], axis=-1)
+    root = np.sqrt(np.einsum("mpi,mi->mp", rows.basis, c))[..., None]
+    line, bend = (np.einsum("mpni,mi->mpn", rows.coefficients[..., i : i + 3], c) for i in (LINE, BEND))
+    y = line + root * (rows.coefficients[..., ROOT] + bend)
+    sides = 1.0 - y[..., None] * [1.0, -1.0] * rows.inverse_limits
+    return np.asarray(sides[rows.inverse_limits > 0.0])
+
+
+@pytest.mark.parametrize("geometry", [(1.0, 0.0, 0.0), (0.8, 0.1, -0.01), (-0.9, 0.05, 0.0)])
+def test_nonlinear_rows_hold_and_give_the_time_of_a_general_optimiser(geometry: tuple[float, float, float]) -> None:
+    """Sequential quadratic programming under the rows themselves, started slower, comes to the same time."""
+    straight = Straight.of(12, q_max=250.0, slope_limit=1.0)
+    rows = driven_rows(straight.spline, geometry)
+    solution = minimise_time(TimeProblem(rows, REST, REST), np.full(14, 15.0), tolerance=1e-8)
+    c = solution.control_points
+    assert np.min(room(rows, c)) >= -1e-8
+    assert np.count_nonzero(room(rows, c) < 1e-4) >= 8, "limits bind nearly everywhere"
+    equations, right = end_conditions(REST, REST, 14)
+    oracle = minimize(
+        straight.time,
+        0.97 * c,
+        method="SLSQP",
+        bounds=bounds(REST, REST, 14),
+        constraints=[
+            {"type": "ineq", "fun": lambda x: room(rows, x)},
+            LinearConstraint(equations, right, right),
+        ],
+        options={"ftol": 1e-10, "maxiter": 300},
+    )
+    assert oracle.success, oracle.message
+    assert straight.time(np.asarray(oracle.x)) == pytest.approx(straight.time(c), rel=1e-5)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from core_paths import spline, toolpath_of
 
-from feedopt_core.feedrate.mesh import GROWTH, KnotSpacing, graded_knots
+from feedopt_core.feedrate.mesh import GROWTH, SPARE_GROWTH, KnotSpacing, graded_knots
 from feedopt_core.path.toolpath import Toolpath
 
 NOISE = np.column_stack([0.05 * np.arange(120), 1e-3 * np.sin(37.0 * np.arange(120) ** 2)])
@@ -63,3 +63,15 @@ def test_window_that_starts_in_motion_has_the_knots_of_the_one_before() -> None:
     start = before[len(before) // 2]
     after = window(toolpath, float(start), rest_mm=None)
     assert np.allclose(after, before[len(before) // 2 :], atol=1e-9)
+
+
+def test_stop_held_in_reserve_has_fewer_knots_at_its_end_alone() -> None:
+    toolpath = toolpath_of(spline(GENTLE))
+    spacing, end_mm = KnotSpacing(toolpath, 0.25), toolpath.end_mm
+    full = graded_knots(0.0, end_mm, spacing, rest_start_mm=0.001, rest_end_mm=0.001)
+    spare = graded_knots(0.0, end_mm, spacing, rest_start_mm=0.001, rest_end_mm=0.001, spare_end=True)
+    assert len(spare) < len(full) - 5
+    assert np.array_equal(spare[:50], full[:50])
+    widths = np.diff(spare)[::-1]
+    growing = widths[: int(np.argmax(widths > 0.1))]
+    assert np.allclose(growing[1:] / growing[:-1], SPARE_GROWTH)

@@ -1,12 +1,12 @@
-"""Axis limits along the path: rows of the optimisation, the jerk tangent, rest elements, on-grid ratios."""
+"""Axis limits along the path: rows of the optimisation, rest elements, on-grid ratios."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from core_paths import kinematic_machine, line, planar, polyline, spline, toolpath_of
+from core_paths import drive_machine, kinematic_machine, line, planar, polyline, spline, toolpath_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,95 +16,127 @@ from feedopt_core.feedrate.profile import ElementKind, FeedProfile
 from feedopt_core.limits.axis_limits import (
     AxisGeometry,
     KinematicLimits,
-    LimitRows,
+    MotionLimits,
     axis_geometry,
     q_limit,
     span_points,
 )
 from feedopt_core.limits.excess import limit_ratios
 from feedopt_core.limits.rest import rest_length_mm, rest_scale_limit
+from feedopt_core.limits.rows import limit_rows, release_start_state
 from feedopt_core.path.segments import SegmentKind
 from feedopt_core.path.toolpath import Toolpath
-from feedopt_core.solvers.banded_interior_point import local_products
+from feedopt_core.solvers.interior_point_data import BEND, LINE, ROOT, Rows
 
 Z = np.array([0.0, 0.3, 0.5, 1.0])
 MACHINE = kinematic_machine(velocity=(90.0, 120.0), acceleration=(400.0, 700.0), jerk=(9000.0, 20000.0))
 LIMITS = KinematicLimits.of(MACHINE)
+MOTION = MotionLimits.of(MACHINE)
+DRIVEN = MotionLimits.of(drive_machine())
 WEDGE = spline([(0, 0), (9, 4), (16, 1), (22, 9), (33, 7)])
+
+
+def on_spans(basis: FloatArray, control_points: FloatArray) -> FloatArray:
+    """Values at the points from the local basis functions, shape (3, p, m) to (p, m)."""
+    m = basis.shape[2]
+    return np.asarray(sum(basis[i] * control_points[i : m + i] for i in range(3)))
 
 
 @dataclass(frozen=True)
 class Mesh:
     """Rows on a small mesh with everything needed to evaluate them directly."""
 
-    rows: LimitRows
-    basis: tuple[FloatArray, FloatArray, FloatArray]
+    rows: Rows
     geometry: AxisGeometry
     control_points: FloatArray
+    q: FloatArray
+    slope: FloatArray
+    bend: FloatArray
 
-    @property
-    def q(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        value, slope, bend = (local_products(part, self.control_points) for part in self.basis)
-        return value, slope, bend
+    def used(self) -> FloatArray:
+        """Every row over its limits up and down, shape (n, 2, p, m)."""
+        c = np.stack([self.control_points[i : len(self.q[0]) + i] for i in range(3)], axis=-1)[:, None, None]
+        straight, bent = (np.sum(self.rows.coefficients[..., first : first + 3] * c, axis=-1) for first in (LINE, BEND))
+        y = straight + np.sqrt(self.q.T)[..., None] * (self.rows.coefficients[..., ROOT] + bent)
+        return np.asarray((y[..., None] * [1.0, -1.0] * self.rows.inverse_limits).transpose(2, 3, 1, 0))
 
 
-def mesh(seed: int = 1) -> Mesh:
+def mesh(seed: int = 1, limits: MotionLimits = MOTION, scale: float = 1.0) -> Mesh:
     toolpath = toolpath_of(WEDGE)
     on = QuadraticSpline.on(np.linspace(1.0, 30.0, 15))
-    geometry = axis_geometry(toolpath, LIMITS.axis_matrix, span_points(on.knots_mm, Z))
+    geometry = axis_geometry(toolpath, limits.kinematic.axis_matrix, span_points(on.knots_mm, Z))
     basis = on.basis(Z)
-    rows = LimitRows(geometry, LIMITS, basis, np.ones((len(Z), len(on.widths_mm))))
+    shape = (len(Z), len(on.widths_mm))
+    rows = limit_rows(geometry, limits, basis, np.ones(shape), np.full(shape, scale))
     control = np.random.default_rng(seed).uniform(200.0, 4000.0, len(on.knots_mm) + 1)
-    return Mesh(rows, basis, geometry, control)
+    return Mesh(rows, geometry, control, *(on_spans(part, control) for part in basis))
 
 
-@given(q=st.floats(1e-3, 1e5), at=st.floats(1e-3, 1e5))
-def test_tangent_of_the_jerk_limit_lies_inside_it(q: float, at: float) -> None:
-    """3/2 / sqrt(q_k) - q / (2 q_k^1.5) <= 1 / sqrt(q): the tangent never allows more than the limit."""
-    tangent = 1.5 / np.sqrt(at) - 0.5 * q / at**1.5
-    assert tangent <= 1.0 / np.sqrt(q) * (1.0 + 1e-12)
-
-
-@given(seed=st.integers(0, 1000), other=st.integers(0, 1000))
-def test_what_obeys_the_rows_obeys_the_jerk_limit(seed: int, other: int) -> None:
-    """Rows set at one q, another q that obeys them: its true jerk holds too."""
-    first, second = mesh(seed), mesh(other)
-    value, slope, bend = second.q
-    rows = first.rows.tangent_at(first.q[0]).copy()
-    axes, points = first.geometry.g1.shape[:2]
-    used = local_products(rows, second.control_points)[points * (1 + 2 * axes) :]
-    g = second.geometry
-    jerk = (
-        np.sqrt(value)
-        * np.abs(g.g3 * value + 1.5 * g.g2 * slope + 0.5 * g.g1 * bend)
-        / LIMITS.jerk_mm_s3[:, None, None]
+def axis_motion(here: Mesh) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Velocity, acceleration and jerk of the axes at the points, shape (n_axes, p, m) each."""
+    g, root = here.geometry, np.sqrt(here.q)
+    return (
+        g.g1 * root,
+        g.g2 * here.q + 0.5 * g.g1 * here.slope,
+        root * (g.g3 * here.q + 1.5 * g.g2 * here.slope + 0.5 * g.g1 * here.bend),
     )
-    per_axis = np.max(used.reshape(axes, 2, points, -1), axis=1)
-    assert np.all(jerk[per_axis <= 1.0] <= 1.0 + 1e-12)
 
 
-def test_rows_are_the_limits_evaluated_directly() -> None:
-    """Rows of velocity and acceleration are exact; those of jerk touch the limit at their own q."""
+def shaped(limits: FloatArray) -> FloatArray:
+    return limits[:, None, None]
+
+
+def test_rows_are_the_kinematic_limits_evaluated_directly() -> None:
     here = mesh()
-    value, slope, bend = here.q
-    axes, points = here.geometry.g1.shape[:2]
-    used = local_products(here.rows.tangent_at(value), here.control_points)
-    g = here.geometry
-    assert np.allclose(used[:points], value / q_limit(g, LIMITS), rtol=1e-12)
-    acceleration = (g.g2 * value + 0.5 * g.g1 * slope) / LIMITS.acceleration_mm_s2[:, None, None]
-    jerk = np.sqrt(value) * (g.g3 * value + 1.5 * g.g2 * slope + 0.5 * g.g1 * bend) / LIMITS.jerk_mm_s3[:, None, None]
-    rest = used[points:].reshape(2, axes, 2, points, -1)
-    assert np.allclose(rest[0, :, 0], acceleration, rtol=1e-10, atol=1e-12)
-    assert np.allclose(rest[0, :, 1], -acceleration, rtol=1e-10, atol=1e-12)
-    # 1/3 + 2/3 of the ratio: equal to 1 exactly where the ratio is.
-    assert np.allclose(rest[1, :, 0], (1.0 + 2.0 * jerk) / 3.0, rtol=1e-10, atol=1e-12)
-    assert np.allclose(rest[1, :, 1], (1.0 - 2.0 * jerk) / 3.0, rtol=1e-10, atol=1e-12)
+    used = here.used()
+    _, acceleration, jerk = axis_motion(here)
+    assert np.allclose(used[0, 0], here.q / q_limit(here.geometry, LIMITS), rtol=1e-12)
+    assert np.all(used[0, 1] == 0.0), "velocity has one side"
+    assert np.allclose(used[1:3, 0], acceleration / shaped(LIMITS.acceleration_mm_s2), rtol=1e-10, atol=1e-12)
+    assert np.allclose(used[3:5, 0], jerk / shaped(LIMITS.jerk_mm_s3), rtol=1e-10, atol=1e-12)
+    assert np.allclose(used[1:, 1], -used[1:, 0], rtol=1e-12)
+
+
+@given(seed=st.integers(0, 1000))
+def test_rows_reach_one_exactly_where_a_drive_limit_is_reached(seed: int) -> None:
+    """1 - row is the room that is left, up to the offset and friction that belong to the limit's side."""
+    here = mesh(seed, DRIVEN)
+    used = here.used()[1 + 2 :]
+    velocity, acceleration, jerk = axis_motion(here)
+    control, tracking = DRIVEN.control, DRIVEN.tracking
+    assert control is not None and tracking is not None
+    constant = shaped(control.offset_volts) + shaped(control.coulomb_volts) * np.sign(velocity)
+    moving = shaped(control.inertia_volts_s2_mm) * acceleration + shaped(control.viscous_volts_s_mm) * velocity
+    limit = shaped(control.limit_volts)
+    assert np.allclose(used[:2, 0], moving / (limit - constant), rtol=1e-9, atol=1e-12)
+    assert np.allclose(used[:2, 1], -moving / (limit + constant), rtol=1e-9, atol=1e-12)
+    error = (
+        shaped(tracking.kv_s) * velocity + shaped(tracking.ka_s2) * acceleration + shaped(tracking.kj_s3) * jerk
+    ) / shaped(tracking.limit_mm)
+    assert np.allclose(used[4:6, 0], error, rtol=1e-9, atol=1e-12)
+    assert np.allclose(used[4:6, 1], -error, rtol=1e-9, atol=1e-12)
+
+
+def test_axis_that_stands_still_has_friction_against_both_sides() -> None:
+    toolpath = toolpath_of([line(10.0)])
+    on = QuadraticSpline.on(np.linspace(1.0, 9.0, 5))
+    geometry = axis_geometry(toolpath, np.eye(2), span_points(on.knots_mm, Z))
+    shape = (len(Z), len(on.widths_mm))
+    rows = limit_rows(geometry, DRIVEN, on.basis(Z), np.ones(shape), np.ones(shape))
+    # u = 10 V, c = 0.148 V, d = 0.241 V: X moves forwards, Y rests.
+    x, y = 1.0 / rows.inverse_limits[0, 0, 3:5]
+    assert np.allclose(10.0 * x, [10.0 - 0.148 - 0.241, 10.0 + 0.148 + 0.241])
+    assert np.allclose(10.0 * y, [10.0 - 0.148 - 0.241, 10.0 + 0.148 - 0.241])
+
+
+def test_limits_that_are_not_given_have_no_rows() -> None:
+    infinite = np.full(2, np.inf)
+    kinematic = KinematicLimits(LIMITS.axis_matrix, LIMITS.feed_mm_s, LIMITS.velocity_mm_s, infinite, infinite)
+    assert mesh(limits=MotionLimits(("X", "Y"), kinematic)).rows.coefficients.shape[2] == 1
 
 
 def test_scale_tightens_every_row() -> None:
-    here = mesh()
-    points, spans = here.geometry.g1.shape[1:]
-    tight = LimitRows(here.geometry, LIMITS, here.basis, np.full((points, spans), 0.5))
+    tight = mesh(scale=0.5)
     lowered = KinematicLimits(
         LIMITS.axis_matrix,
         0.5 * LIMITS.feed_mm_s,
@@ -112,22 +144,36 @@ def test_scale_tightens_every_row() -> None:
         0.5 * LIMITS.acceleration_mm_s2,
         0.5 * LIMITS.jerk_mm_s3,
     )
-    direct = LimitRows(here.geometry, lowered, here.basis, np.ones((points, spans)))
-    value = here.q[0]
-    assert np.allclose(tight.tangent_at(value), direct.tangent_at(value), rtol=1e-12)
+    assert np.allclose(tight.used(), mesh(limits=MotionLimits(("X", "Y"), lowered)).used(), rtol=1e-12)
 
 
-def test_given_start_state_has_no_rows_of_velocity_and_acceleration() -> None:
-    here = mesh()
-    value = here.q[0]
-    before = here.rows.tangent_at(value).copy()
-    here.rows.release_start_state()
-    after = here.rows.tangent_at(value)
-    axes, points = here.geometry.g1.shape[:2]
-    released = np.flatnonzero(np.any(before != after, axis=(0, 2)))
-    assert released.tolist() == [points * k for k in range(1 + 2 * axes)]
-    assert np.all(after[:, released, 0] == 0.0)
-    assert np.array_equal(before[:, :, 1:], after[:, :, 1:])
+def test_scale_tightens_drive_limits_offset_and_friction_included() -> None:
+    control, tracking = DRIVEN.control, DRIVEN.tracking
+    assert control is not None and tracking is not None
+    lowered = replace(
+        DRIVEN,
+        kinematic=replace(
+            DRIVEN.kinematic,
+            feed_mm_s=0.9 * DRIVEN.kinematic.feed_mm_s,
+            velocity_mm_s=0.9 * DRIVEN.kinematic.velocity_mm_s,
+            acceleration_mm_s2=0.9 * DRIVEN.kinematic.acceleration_mm_s2,
+            jerk_mm_s3=0.9 * DRIVEN.kinematic.jerk_mm_s3,
+        ),
+        control=replace(control, limit_volts=0.9 * control.limit_volts),
+        tracking=replace(tracking, limit_mm=0.9 * tracking.limit_mm),
+    )
+    assert np.allclose(mesh(limits=DRIVEN, scale=0.9).used(), mesh(limits=lowered).used(), rtol=1e-12)
+
+
+def test_given_start_state_keeps_only_rows_that_depend_on_the_second_derivative() -> None:
+    here = mesh(limits=DRIVEN)
+    before = here.rows.inverse_limits.copy()
+    release_start_state(here.rows)
+    after = here.rows.inverse_limits
+    # One row of velocity, two each of acceleration, control, jerk and tracking error.
+    assert np.all(after[0, 0, :5] == 0.0)
+    assert np.array_equal(after[0, 0, 5:], before[0, 0, 5:]) and np.all(before[0, 0, 5:] > 0.0)
+    assert np.array_equal(after[0, 1:], before[0, 1:]) and np.array_equal(after[1:], before[1:])
 
 
 def test_q_limit_is_the_slowest_of_feed_and_axes() -> None:
@@ -158,7 +204,7 @@ def test_ratios_of_a_profile_are_those_of_its_motion() -> None:
         np.zeros(2),
     )
     z = np.linspace(0.0, 1.0, 25)
-    found = limit_ratios(toolpath, LIMITS, profile)
+    found = limit_ratios(toolpath, MOTION, profile)
     for element in range(2):
         at = s[element] + z * (s[element + 1] - s[element])
         at = np.clip(at, s[element] + 1e-9, s[element + 1] - 1e-9)
@@ -202,7 +248,7 @@ def rest_ratios(toolpath: Toolpath, at_mm: float, length_mm: float, sign: int, p
 def test_fastest_rest_element_just_holds_every_limit(sign: int, length_mm: float, at_part: float) -> None:
     toolpath = toolpath_of(WEDGE)
     at_mm = at_part * toolpath.end_mm
-    p = rest_scale_limit(toolpath, LIMITS, at_mm, length_mm, sign, 1.0)
+    p = rest_scale_limit(toolpath, MOTION, at_mm, length_mm, sign, 1.0)
     ratios = rest_ratios(toolpath, at_mm, length_mm, sign, p)
     assert np.max(ratios) == pytest.approx(1.0, abs=2e-3)
 
@@ -212,16 +258,16 @@ def test_rest_element_on_a_line_has_the_axis_jerk() -> None:
     length = rest_length_mm(toolpath, LIMITS, 0.0, +1)
     # A part of the distance in which 9000 mm/s^3 builds up 400 mm/s^2.
     assert 0.0 < length < 400.0**3 / (6.0 * 9000.0**2)
-    p = rest_scale_limit(toolpath, LIMITS, 0.0, length, +1, 1.0)
+    p = rest_scale_limit(toolpath, MOTION, 0.0, length, +1, 1.0)
     assert 2.0 / 9.0 * p**1.5 == pytest.approx(9000.0, rel=1e-12)
-    half = rest_scale_limit(toolpath, LIMITS, 0.0, length, +1, 0.5)
+    half = rest_scale_limit(toolpath, MOTION, 0.0, length, +1, 0.5)
     assert 2.0 / 9.0 * half**1.5 == pytest.approx(4500.0, rel=1e-12)
 
 
 def test_rest_element_looks_at_its_own_side_of_a_corner() -> None:
     toolpath = toolpath_of(polyline([(0, 0), (10, 0), (10, 10)]))
-    before = rest_scale_limit(toolpath, LIMITS, 10.0, 0.1, -1, 1.0)
-    after = rest_scale_limit(toolpath, LIMITS, 10.0, 0.1, +1, 1.0)
+    before = rest_scale_limit(toolpath, MOTION, 10.0, 0.1, -1, 1.0)
+    after = rest_scale_limit(toolpath, MOTION, 10.0, 0.1, +1, 1.0)
     assert 2.0 / 9.0 * before**1.5 == pytest.approx(9000.0, rel=1e-9)
     assert 2.0 / 9.0 * after**1.5 == pytest.approx(20000.0, rel=1e-9)
 
@@ -229,8 +275,8 @@ def test_rest_element_looks_at_its_own_side_of_a_corner() -> None:
 def test_rest_element_on_an_arc_obeys_the_velocity_limit_too() -> None:
     slow = KinematicLimits(np.eye(2), 1.0, np.array([1.0, 1.0]), np.array([1e6, 1e6]), np.array([1e9, 1e9]))
     toolpath = toolpath_of([planar(SegmentKind.ARC, 10.0, curvature=0.1)])
-    p = rest_scale_limit(toolpath, slow, 0.0, 2.0, +1, 1.0)
-    assert p * 2.0 ** (4.0 / 3.0) == pytest.approx(1.0, rel=1e-12)
+    p = rest_scale_limit(toolpath, MotionLimits(("X", "Y"), slow), 0.0, 2.0, +1, 1.0)
+    assert p * 2.0 ** (4.0 / 3.0) == pytest.approx(1.0, rel=1e-6)
 
 
 def test_kinds_of_elements_are_those_of_the_message() -> None:

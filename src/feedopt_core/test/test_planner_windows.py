@@ -185,6 +185,8 @@ class Spoiled:
     spoil: Callable[[WindowPlan], WindowPlan]
     windows: set[int]
     name: str = "spoiled"
+    stopping_mm: float = 20.0
+    whole_path: bool = False
     asked: int = field(default=0)
 
     def plan(self, toolpath: Toolpath, window: Window) -> WindowPlan:

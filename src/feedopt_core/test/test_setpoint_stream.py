@@ -149,7 +149,8 @@ def test_period_is_a_parameter(planned: PlannedPath, period_s: float) -> None:
 
 
 def test_gantry_gets_a_set_point_for_each_motor() -> None:
-    machine = Machine("gantry", "", ("Xr", "Xl", "Y"), (0, 0, 1), 80.0, (150.0,) * 3, (500.0,) * 3, (25000.0,) * 3)
+    rows = ((1.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+    machine = Machine("gantry", "", ("Xr", "Xl", "Y"), rows, 80.0, (150.0,) * 3, (500.0,) * 3, (25000.0,) * 3)
     block = drained(stream_of(plan_path(machine, spline([(0, 0), (10, 3), (20, -4)]))), [1000])
     assert block.position_mm.shape[1] == 3
     for values in (block.position_mm, block.velocity_mm_s, block.acceleration_mm_s2):

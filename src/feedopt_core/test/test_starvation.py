@@ -171,6 +171,8 @@ class FailsOnce:
     """The kinematic method without a plan for its second window."""
 
     name = "fails_once"
+    stopping_mm = 20.0
+    whole_path = False
 
     def __init__(self) -> None:
         self.asked = 0

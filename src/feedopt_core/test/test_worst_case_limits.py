@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from feedopt_core.config.machine import DriveModel, Machine, TrackingModel, load_machine
 from feedopt_core.errors import InfeasibleLimitsError
-from feedopt_core.limits.axis_limits import KinematicLimits
-from feedopt_core.limits.derived import derived_limits
+from feedopt_core.limits.axis_limits import KinematicLimits, MotionLimits
+from feedopt_core.limits.derived import attainable_limits, braking_limits, derived_limits, ramp_limits
 from feedopt_core.limits.stopping import longest_stop_mm, stopping_distance_mm
 
 SHIPPED = ("case_a", "router_experiment", "router_heng", "router_simulation")
@@ -166,3 +166,33 @@ def test_longest_stop_is_that_of_the_weakest_axis() -> None:
     machine = kinematic_machine(feed=100.0, velocity=(150.0, 50.0), acceleration=(500.0, 20.0), jerk=(25000.0, 1000.0))
     expected = max(stopping_distance_mm(100.0, 500.0, 25000.0), stopping_distance_mm(50.0, 20.0, 1000.0))
     assert longest_stop_mm(KinematicLimits.of(machine)) == expected
+
+
+def test_kinematic_limits_alone_are_what_is_attained_and_braked_with() -> None:
+    machine = kinematic_machine(feed=100.0, velocity=(150.0, 50.0), acceleration=(500.0, 20.0), jerk=(25000.0, 1000.0))
+    limits = MotionLimits.of(machine)
+    for found in (attainable_limits(limits), braking_limits(limits), ramp_limits(limits)):
+        assert found.velocity_mm_s.tolist() == [100.0, 50.0], "an axis is no faster than the feed"
+        assert found.acceleration_mm_s2.tolist() == [500.0, 20.0]
+        assert found.jerk_mm_s3.tolist() == [25000.0, 1000.0]
+
+
+def test_drives_bound_what_the_machine_file_leaves_open() -> None:
+    infinite = (float("inf"),) * 2
+    machine = replace(
+        drive_machine(),
+        feed_limit_mm_s=1e4,
+        velocity_limit_mm_s=infinite,
+        acceleration_limit_mm_s2=infinite,
+        jerk_limit_mm_s3=infinite,
+    )
+    limits = MotionLimits.of(machine)
+    reach, braking, ramp = attainable_limits(limits), braking_limits(limits), ramp_limits(limits)
+    assert reach.velocity_mm_s[0] == pytest.approx((10.0 - 0.148 - 0.241) / 4.67e-2)
+    assert reach.acceleration_mm_s2[0] == pytest.approx(0.02 / 1.99e-5)
+    assert reach.jerk_mm_s3[0] == pytest.approx(0.02 / 5.2e-8)
+    # Braking: acceleration and jerk at once stay within the error, and the torque is left for it.
+    assert 1.99e-5 * braking.acceleration_mm_s2[0] + 5.2e-8 * braking.jerk_mm_s3[0] == pytest.approx(0.02)
+    assert 2.13e-3 * braking.acceleration_mm_s2[0] <= 10.0 - 0.148 + 0.241
+    assert ramp.acceleration_mm_s2[0] == pytest.approx(0.4 * reach.acceleration_mm_s2[0])
+    one_axis_less(machine, derived_limits(machine))

@@ -13,7 +13,7 @@ from feedopt_core.feedrate.profile import FeedProfile
 class Certificate:
     """Extremes that the audit found over committed part and stop; per axis, in the order of the machine file.
 
-    The drive model's extremes are empty where the machine file has none.
+    The extremes of a quantity are empty where the machine file gives no limit of it.
     """
 
     max_velocity_mm_s: tuple[float, ...]

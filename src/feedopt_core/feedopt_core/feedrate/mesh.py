@@ -11,6 +11,8 @@ from feedopt_core.path.toolpath import Toolpath
 
 GROWTH = 1.25
 """Ratio of neighbouring knot spacings next to a point of rest, where q grows as s^(4/3)."""
+SPARE_GROWTH = 2.0
+"""The same next to the end of a stop that the next window replaces."""
 _BEND_SHARE = 0.3
 _SMALLEST_RATIO = 0.004
 _DENSITY_SAMPLES = 17
@@ -56,6 +58,7 @@ def graded_knots(
     *,
     rest_start_mm: float | None,
     rest_end_mm: float,
+    spare_end: bool = False,
 ) -> FloatArray:
     """Knots from start to end: every joint of the path, denser where it bends, graded towards rest.
 
@@ -64,6 +67,7 @@ def graded_knots(
         spacing: of the regular knots.
         rest_start_mm: length of the element that leaves rest at the start; None where the window starts in motion.
         rest_end_mm: length of the element that comes to rest at the end.
+        spare_end: whether the stop at the end is only held in reserve, so that fewer knots do.
 
     Returns:
         Increasing knots, shape (n,), first start_mm, last end_mm; the first (last) interval is the element at rest.
@@ -72,8 +76,10 @@ def graded_knots(
     joints = spacing.toolpath.joints_mm(start_mm, end_mm)
     head = np.array([start_mm])
     if rest_start_mm is not None:
-        head = start_mm + _graded_distances(start_mm, +1, rest_start_mm, room_mm, spacing, joints - start_mm)
-    tail = (end_mm - _graded_distances(end_mm, -1, rest_end_mm, room_mm, spacing, (end_mm - joints)[::-1]))[::-1]
+        head = start_mm + _graded_distances(start_mm, +1, rest_start_mm, room_mm, spacing, joints - start_mm, GROWTH)
+    growth = SPARE_GROWTH if spare_end else GROWTH
+    tail = _graded_distances(end_mm, -1, rest_end_mm, room_mm, spacing, (end_mm - joints)[::-1], growth)
+    tail = (end_mm - tail)[::-1]
     regular = spacing.between_joints(joints)
     regular = regular[(regular > head[-1]) & (regular < tail[0])]
     # The regular intervals next to the graded ends are cut short, but not to a sliver.
@@ -83,9 +89,15 @@ def graded_knots(
 
 
 def _graded_distances(
-    rest_mm: float, sign: int, first_mm: float, room_mm: float, spacing: KnotSpacing, joints: FloatArray
+    rest_mm: float,
+    sign: int,
+    first_mm: float,
+    room_mm: float,
+    spacing: KnotSpacing,
+    joints: FloatArray,
+    growth: float,
 ) -> FloatArray:
-    """Distances of knots from rest, increasing: the element at rest, then growing by GROWTH up to the regular spacing.
+    """Distances of knots from rest, increasing: the element at rest, then growing up to the regular spacing.
 
     Args:
         rest_mm: arc length of rest.
@@ -94,16 +106,17 @@ def _graded_distances(
         room_mm: the knots stay within 0.8 of it.
         spacing: of the regular knots.
         joints: distances of joints from rest, increasing; each behind the element at rest is a knot.
+        growth: ratio of neighbouring spacings.
     """
     ahead = joints[joints > _LEAST_REST_MM]
     # The spacings grow to the regular one within this reach (a geometric series), so one look at the path is enough.
-    reach_mm = min(0.8 * room_mm, spacing.largest_mm * GROWTH / (GROWTH - 1.0))
+    reach_mm = min(0.8 * room_mm, spacing.largest_mm * growth / (growth - 1.0))
     distances = np.linspace(min(_LEAST_REST_MM, reach_mm), reach_mm, _DENSITY_SAMPLES * 4)
     wanted_mm = spacing.at(rest_mm + sign * distances)
     first_mm = min(first_mm, 0.2 * room_mm, float(wanted_mm[0]), float(ahead[0]) if len(ahead) else np.inf)
     knots, step = [0.0, first_mm], first_mm
-    while step * GROWTH < float(np.interp(knots[-1], distances, wanted_mm)):
-        step *= GROWTH
+    while step * growth < float(np.interp(knots[-1], distances, wanted_mm)):
+        step *= growth
         if knots[-1] + step > 0.8 * room_mm:
             break
         knots.append(knots[-1] + step)

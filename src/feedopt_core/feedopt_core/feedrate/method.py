@@ -29,6 +29,7 @@ class Window:
     Attributes:
         start_mm, end_mm: arc lengths of its ends.
         start: state at its start; None is rest.
+        spare_end: whether the stop at the end is only held in reserve: the next window replaces it unless it fails.
         guess: a profile that starts in the same state and may cover a part of the window (the stop committed before).
     """
 
@@ -36,6 +37,7 @@ class Window:
     end_mm: float
     start: StartState | None = None
     guess: FeedProfile | None = None
+    spare_end: bool = False
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,14 @@ class PlanningMethod(Protocol):
     @property
     def name(self) -> str:
         """Name on the command line and in every chunk."""
+
+    @property
+    def stopping_mm(self) -> float:
+        """Distance within which the machine stops from its largest feedrate; window sizes follow from it."""
+
+    @property
+    def whole_path(self) -> bool:
+        """Whether a window must reach the end of the program or the next exact stop, however far that is."""
 
     def plan(self, toolpath: Toolpath, window: Window) -> WindowPlan:
         """Plan one window.

@@ -20,13 +20,12 @@ from feedopt_core.feedrate.chunk import Certificate, Chunk, SolverFigures
 from feedopt_core.feedrate.method import PlanningMethod, StartState, Window, WindowPlan
 from feedopt_core.feedrate.methods import make_method
 from feedopt_core.feedrate.profile import FeedProfile
-from feedopt_core.limits.derived import derived_limits
-from feedopt_core.limits.stopping import longest_stop_mm
+from feedopt_core.feedrate.warm_up import warm_up
 from feedopt_core.path.segments import Segment
 from feedopt_core.path.toolpath import Toolpath
 
-_STOPS_OF_LOOK_AHEAD = 1.5
-_STOPS_OF_COMMITMENT = 2.5
+_STOPS_OF_LOOK_AHEAD = 1.25
+_STOPS_OF_COMMITMENT = 5.0
 _LEAST_LOOK_AHEAD_MM = 5.0
 
 
@@ -34,7 +33,7 @@ _LEAST_LOOK_AHEAD_MM = 5.0
 class PlannerParameters:
     """Parameters of the planner; the same names stand in config/nodes/planner.yaml."""
 
-    method: str = field(default="lp", metadata={"doc": "planning method"})
+    method: str = field(default="lp_nlp", metadata={"doc": "planning method: lp, lp_nlp, thesis or oneshot"})
     knot_spacing_mm: float = field(
         default=0.25, metadata={"unit": "mm", "range": (1e-3, 100.0), "doc": "largest knot spacing of q(s)"}
     )
@@ -84,7 +83,8 @@ class StreamPlanner:
         self.machine = machine
         self.toolpath = Toolpath()
         self._method = method or make_method(parameters.method, machine, parameters.knot_spacing_mm)
-        stop_mm = max(longest_stop_mm(derived_limits(machine)), _LEAST_LOOK_AHEAD_MM)
+        warm_up()
+        stop_mm = max(self._method.stopping_mm, _LEAST_LOOK_AHEAD_MM)
         self._look_ahead_mm = parameters.look_ahead_mm or _STOPS_OF_LOOK_AHEAD * stop_mm
         self._commitment_mm = parameters.commitment_mm or _STOPS_OF_COMMITMENT * stop_mm
         self._committed = _Committed()
@@ -131,9 +131,8 @@ class StreamPlanner:
         began = time.perf_counter()
         fallback = False
         try:
-            plan = self._method.plan(
-                self.toolpath, Window(start_mm, end_mm, self._committed.state, self._committed.stop)
-            )
+            window = Window(start_mm, end_mm, self._committed.state, self._committed.stop, spare_end=not commit_all)
+            plan = self._method.plan(self.toolpath, window)
         except (SolverError, InfeasibleLimitsError):
             if self._committed.stop is None:
                 raise
@@ -174,9 +173,9 @@ class StreamPlanner:
         if self.toolpath.complete:
             stops = np.append(stops, known_mm)
         # A window that nearly reaches a stop goes all the way: no short window is left behind.
-        if len(stops) and stops[0] - start_mm <= window_mm + self._look_ahead_mm:
+        if len(stops) and (self._method.whole_path or stops[0] - start_mm <= window_mm + self._look_ahead_mm):
             return start_mm, float(stops[0]), True
-        if known_mm - start_mm < window_mm:
+        if self._method.whole_path or known_mm - start_mm < window_mm:
             return None
         return start_mm, start_mm + window_mm, False
 

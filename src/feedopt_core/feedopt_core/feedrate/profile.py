@@ -8,12 +8,14 @@ interpolator share.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
 
 from feedopt_core.arrays import FloatArray, IntArray
+from feedopt_core.compiled import compiled
 from feedopt_core.errors import SolverError
 
 
@@ -23,6 +25,10 @@ class ElementKind(IntEnum):
     QUADRATIC = 0
     REST_START = 1
     REST_END = 2
+
+
+# Plain numbers for compiled code.
+_QUADRATIC, _REST_START = float(ElementKind.QUADRATIC), float(ElementKind.REST_START)
 
 
 @dataclass(frozen=True)
@@ -120,26 +126,14 @@ class FeedProfile:
     def states_at(self, t_s: FloatArray) -> MotionStates:
         """Exact motion at times from the start of the profile, shape (n,); clipped to its ends."""
         t_s = np.clip(t_s, 0.0, self.duration_s)
-        e = self._elements_at(t_s, self.times_s)
-        tau = t_s - self.times_s[e]
-        v0, half_slope, k = np.sqrt(self.q_mm2_s2[e]), 0.5 * self.dq_ds_mm_s2[e], 0.5 * self.d2q_ds2_per_s2[e]
-        cosh, sinh_over, bulge = _stumpff(k, tau)
-        x = v0 * sinh_over + half_slope * bulge
-        v = v0 * cosh + half_slope * sinh_over
-        a = v0 * k * sinh_over + half_slope * cosh
-        j = k * v
-        for kind, sign in ((ElementKind.REST_START, 1.0), (ElementKind.REST_END, -1.0)):
-            here = self.kind[e] == kind
-            if np.any(here):
-                duration = self.times_s[e[here] + 1] - self.times_s[e[here]]
-                from_rest = tau[here] if sign > 0.0 else duration - tau[here]
-                jerk = self.jerk_mm_s3[e[here]]
-                distance = jerk * from_rest**3 / 6.0
-                x[here] = distance if sign > 0.0 else self.s_mm[e[here] + 1] - self.s_mm[e[here]] - distance
-                v[here] = 0.5 * jerk * from_rest**2
-                a[here] = sign * jerk * from_rest
-                j[here] = jerk
-        return MotionStates(self.s_mm[e] + x, v, a, j)
+        elements = self._elements_at(t_s, self.times_s)
+        return self.states_within(elements, t_s - self.times_s[elements])
+
+    def states_within(self, elements: IntArray, tau_s: FloatArray) -> MotionStates:
+        """Exact motion at times from the start of the elements, shape (n,) each."""
+        elements = np.ascontiguousarray(elements)
+        rows = np.stack([self.kind, self.q_mm2_s2, self.dq_ds_mm_s2, self.d2q_ds2_per_s2, self.jerk_mm_s3], axis=1)
+        return MotionStates(*_motion(rows, self.s_mm, self.times_s, elements, np.ascontiguousarray(tau_s)))
 
     @staticmethod
     def _elements_at(values: FloatArray, edges: FloatArray) -> IntArray:
@@ -173,18 +167,55 @@ class FeedProfile:
         return np.asarray(times)
 
 
-def _stumpff(k: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """cosh(w t), sinh(w t) / w and (cosh(w t) - 1) / w^2 with w^2 = k of either sign, shape (n,) each."""
+@compiled
+def _motion(
+    rows: FloatArray, s_mm: FloatArray, times_s: FloatArray, elements: IntArray, tau_s: FloatArray
+) -> FloatArray:
+    """s, v, a and j at times within elements, shape (4, n).
+
+    Args:
+        rows: kind, q, dq/ds, d2q/ds2 and rest jerk of each element, shape (m, 5).
+        s_mm, times_s: ends of the elements, shape (m + 1,).
+        elements, tau_s: which element, and time from its start, shape (n,).
+    """
+    out = np.empty((4, len(tau_s)))
+    for i in range(len(tau_s)):
+        e, tau = elements[i], tau_s[i]
+        kind, jerk = rows[e, 0], rows[e, 4]
+        if kind == _QUADRATIC:
+            v0, half_slope, k = math.sqrt(rows[e, 1]), 0.5 * rows[e, 2], 0.5 * rows[e, 3]
+            cosh, sinh_over, bulge = _stumpff(k, tau)
+            out[0, i] = s_mm[e] + v0 * sinh_over + half_slope * bulge
+            out[1, i] = v0 * cosh + half_slope * sinh_over
+            out[2, i] = v0 * k * sinh_over + half_slope * cosh
+            out[3, i] = k * out[1, i]
+        else:
+            sign = 1.0 if kind == _REST_START else -1.0
+            from_rest = tau if sign > 0.0 else times_s[e + 1] - times_s[e] - tau
+            rest_mm = s_mm[e] if sign > 0.0 else s_mm[e + 1]
+            out[0, i] = rest_mm + sign * jerk * from_rest**3 / 6.0
+            out[1, i] = 0.5 * jerk * from_rest**2
+            out[2, i] = sign * jerk * from_rest
+            out[3, i] = jerk
+    return out
+
+
+@compiled
+def _stumpff(k: float, t: float) -> tuple[float, float, float]:
+    """cosh(w t), sinh(w t) / w and (cosh(w t) - 1) / w^2 with w^2 = k of either sign."""
     z = k * t**2
-    w = np.sqrt(np.abs(z))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        cosh = np.where(z > 0.0, np.cosh(w), np.cos(w))
-        sinh_over = np.where(
-            w < 1e-2, 1.0 + z / 6.0 * (1.0 + z / 20.0 * (1.0 + z / 42.0)), np.where(z > 0.0, np.sinh(w), np.sin(w)) / w
-        )
-        half = np.where(z > 0.0, np.sinh(0.5 * w), np.sin(0.5 * w))
-        bulge = np.where(w < 1e-2, 0.5 * (1.0 + z / 12.0 * (1.0 + z / 30.0 * (1.0 + z / 56.0))), 2.0 * half**2 / w**2)
-    return cosh, t * sinh_over, t**2 * bulge
+    if abs(z) < 0.05:
+        # Series up to z^6: what is left out is below rounding.
+        over, bulge = 1.0, 1.0
+        for n in range(6, 0, -1):
+            over = 1.0 + z * over / ((2.0 * n) * (2.0 * n + 1.0))
+            bulge = 1.0 + z * bulge / ((2.0 * n + 1.0) * (2.0 * n + 2.0))
+        return 1.0 + 0.5 * z * bulge, t * over, 0.5 * t**2 * bulge
+    w = math.sqrt(abs(z))
+    half = math.sinh(0.5 * w) if z > 0.0 else math.sin(0.5 * w)
+    value = math.cosh(w) if z > 0.0 else math.cos(w)
+    over = (math.sinh(w) if z > 0.0 else math.sin(w)) / w
+    return value, t * over, 2.0 * t**2 * half**2 / w**2
 
 
 def _atanh_over(w2: FloatArray) -> FloatArray:

@@ -1,14 +1,12 @@
-"""Limits of every axis along the path, as rows that are linear in q, dq/ds and d2q/ds2.
+"""Limits of every axis and the geometry they see along the path.
 
 With g1, g2, g3 = K r', K r'', K r''' (K: axis map) and q = feedrate^2, an axis has
 
-    velocity      g1 sqrt(q)
-    acceleration  g2 q + g1 q'/2
-    jerk          sqrt(q) (g3 q + 3/2 g2 q' + 1/2 g1 q'')
-
-The jerk limit is ``|w| <= j / sqrt(q)`` with w linear. Its right side is convex in q, so its tangent at any q_k,
-``3/2 j / sqrt(q_k) - j q / (2 q_k^(3/2))``, lies below it: what obeys the tangent obeys the limit, and both touch at q
-= q_k.
+    velocity      v = g1 sqrt(q)
+    acceleration  a = g2 q + g1 q'/2
+    jerk          j = sqrt(q) (g3 q + 3/2 g2 q' + 1/2 g1 q'')
+    control       u = inertia a + viscous v + offset + coulomb sign(v)
+    tracking      e = kv v + ka a + kj j
 """
 
 from __future__ import annotations
@@ -47,6 +45,60 @@ class KinematicLimits:
 
 
 @dataclass(frozen=True)
+class ControlLimits:
+    """Drive model (thesis section 3.6.1) and largest control signal of each axis, shape (n_axes,); V, mm and s."""
+
+    inertia_volts_s2_mm: FloatArray
+    viscous_volts_s_mm: FloatArray
+    offset_volts: FloatArray
+    coulomb_volts: FloatArray
+    limit_volts: FloatArray
+
+
+@dataclass(frozen=True)
+class TrackingLimits:
+    """Tracking model (thesis section 3.6.1) and largest error of each axis, shape (n_axes,); mm and s."""
+
+    kv_s: FloatArray
+    ka_s2: FloatArray
+    kj_s3: FloatArray
+    limit_mm: FloatArray
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """All limits that a plan obeys; control and tracking are None where they do not count."""
+
+    axis_names: tuple[str, ...]
+    kinematic: KinematicLimits
+    control: ControlLimits | None = None
+    tracking: TrackingLimits | None = None
+
+    @classmethod
+    def of(cls, machine: Machine) -> MotionLimits:
+        """The limits written in the machine file, those of drive and tracking model included."""
+        control = tracking = None
+        if machine.drive is not None and machine.control_limit_volts is not None:
+            drive = machine.drive
+            control = ControlLimits(
+                np.array(drive.inertia_volts_s2_mm),
+                np.array(drive.viscous_volts_s_mm),
+                np.array(drive.offset_volts),
+                np.array(drive.coulomb_volts),
+                np.array(machine.control_limit_volts),
+            )
+        if machine.tracking is not None and machine.tracking_error_limit_mm is not None:
+            model = machine.tracking
+            tracking = TrackingLimits(
+                np.array(model.tracking_kv_s),
+                np.array(model.tracking_ka_s2),
+                np.array(model.tracking_kj_s3),
+                np.array(machine.tracking_error_limit_mm),
+            )
+        return cls(machine.axis_names, KinematicLimits.of(machine), control, tracking)
+
+
+@dataclass(frozen=True)
 class AxisGeometry:
     """K r', K r'' and K r''' at points of the path; shape (n_axes, ...) each, and the programmed feed, shape (...)."""
 
@@ -58,11 +110,7 @@ class AxisGeometry:
 
 def axis_geometry(toolpath: Toolpath, axis_matrix: FloatArray, s_mm: FloatArray) -> AxisGeometry:
     """Geometry of the axes at arc lengths of any shape. Raises ToolpathError outside the path held."""
-    points = toolpath.evaluate(s_mm.ravel())
-    shape = (len(axis_matrix), *s_mm.shape)
-    g1, g2, g3 = (
-        np.reshape((values @ axis_matrix.T).T, shape) for values in (points.dr_ds, points.d2r_ds2, points.d3r_ds3)
-    )
+    g1, g2, g3 = toolpath.axis_derivatives(s_mm.ravel(), axis_matrix).reshape(3, len(axis_matrix), *s_mm.shape)
     return AxisGeometry(g1, g2, g3, toolpath.feed_limits_mm_s(s_mm.ravel()).reshape(s_mm.shape))
 
 
@@ -80,59 +128,3 @@ def q_limit(geometry: AxisGeometry, limits: KinematicLimits) -> FloatArray:
     with np.errstate(divide="ignore"):
         axis = np.min(limits.velocity_mm_s.reshape(shape) / np.abs(geometry.g1), axis=0)
     return np.asarray(np.minimum(feed, axis) ** 2)
-
-
-class LimitRows:
-    """Rows ``sum_l R[l] c[k + l] <= 1`` of all limits at p points of each of m spans.
-
-    Order of the rows: p of velocity; then, axis by axis, p each of acceleration upwards and downwards; then, axis by
-        axis, p each of jerk upwards and downwards (the tangents, set anew for every q).
-    """
-
-    def __init__(
-        self,
-        geometry: AxisGeometry,
-        limits: KinematicLimits,
-        basis: tuple[FloatArray, FloatArray, FloatArray],
-        scale: FloatArray,
-    ) -> None:
-        """Prepare the rows.
-
-        Args:
-            geometry: at the points, shape (n_axes, p, m).
-            limits: of the machine.
-            basis: q, q', q'' of the local basis functions, shape (3, p, m) each.
-            scale: factor on every limit at the points, shape (p, m), at most 1.
-        """
-        value, slope, bend = basis
-        axes, points, spans = geometry.g1.shape
-        self.basis = value
-        self.q_limit = q_limit(geometry, limits) * scale**2
-        a = limits.acceleration_mm_s2[:, None, None] * scale
-        j = limits.jerk_mm_s3[:, None, None] * scale
-        g1, g2, g3 = geometry.g1[:, None], geometry.g2[:, None], geometry.g3[:, None]
-        self._w = (g3 * value + 1.5 * g2 * slope + 0.5 * g1 * bend) / j[:, None]
-        self._rows = np.empty((3, points * (1 + 4 * axes), spans))
-        self._rows[:, :points] = value / self.q_limit
-        acceleration = (g2 * value + 0.5 * g1 * slope) / a[:, None]
-        for axis in range(axes):
-            first = points * (1 + 2 * axis)
-            self._rows[:, first : first + points] = acceleration[axis]
-            self._rows[:, first + points : first + 2 * points] = -acceleration[axis]
-        self._jerk_start = points * (1 + 2 * axes)
-
-    def release_start_state(self) -> None:
-        """Take the velocity and acceleration rows off the very start: a given state there cannot be chosen any more."""
-        self._rows[:, 0 : self._jerk_start : len(self.basis[0]), 0] = 0.0
-
-    def tangent_at(self, q: FloatArray) -> FloatArray:
-        """All rows with the jerk limit's tangent at q > 0, shape (3, r, m); the array is reused by the next call."""
-        points = len(self.basis[0])
-        root = np.sqrt(q) / 1.5
-        lean = self.basis / (3.0 * q)
-        for axis in range(len(self._w)):
-            first = self._jerk_start + 2 * points * axis
-            w = self._w[axis] * root
-            np.add(lean, w, out=self._rows[:, first : first + points])
-            np.subtract(lean, w, out=self._rows[:, first + points : first + 2 * points])
-        return self._rows

@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
+from feedopt_core.compiled import compiled
 from feedopt_core.feedrate.profile import FeedProfile
-from feedopt_core.limits.axis_limits import ONE_SIDED_MM, KinematicLimits, axis_geometry, q_limit
+from feedopt_core.limits.axis_limits import ONE_SIDED_MM, AxisGeometry, MotionLimits, axis_geometry
 from feedopt_core.path.sampling import samples_between
 from feedopt_core.path.toolpath import Toolpath
 
 _LEAST_SAMPLES = 25
 
 
-def limit_ratios(toolpath: Toolpath, limits: KinematicLimits, profile: FeedProfile) -> FloatArray:
-    """Largest ratio of feed, velocity, acceleration and jerk to their limits on each element, shape (m,).
+def limit_ratios(toolpath: Toolpath, limits: MotionLimits, profile: FeedProfile) -> FloatArray:
+    """Largest ratio of any quantity to its limit on each element, shape (m,).
 
     Args:
         toolpath: holds the profile's arc lengths.
@@ -26,12 +27,79 @@ def limit_ratios(toolpath: Toolpath, limits: KinematicLimits, profile: FeedProfi
     widths = np.diff(profile.s_mm)[e]
     inset = np.minimum(ONE_SIDED_MM, 1e-3 * widths)
     x = inset + samples.z * (widths - 2.0 * inset)
-    geometry = axis_geometry(toolpath, limits.axis_matrix, profile.s_mm[e] + x)
+    geometry = axis_geometry(toolpath, limits.kinematic.axis_matrix, profile.s_mm[e] + x)
     bend = profile.d2q_ds2_per_s2[e]
     slope = profile.dq_ds_mm_s2[e] + bend * x
     q = profile.q_mm2_s2[e] + (profile.dq_ds_mm_s2[e] + 0.5 * bend * x) * x
-    acceleration = np.abs(geometry.g2 * q + 0.5 * geometry.g1 * slope) / limits.acceleration_mm_s2[:, None]
-    jerk = np.sqrt(q) * np.abs(geometry.g3 * q + 1.5 * geometry.g2 * slope + 0.5 * geometry.g1 * bend)
-    jerk /= limits.jerk_mm_s3[:, None]
-    ratios = np.maximum(np.sqrt(q / q_limit(geometry, limits)), np.max(np.maximum(acceleration, jerk), axis=0))
-    return np.asarray(np.maximum.reduceat(ratios, samples.first))
+    return np.asarray(np.maximum.reduceat(largest_ratios(limits, geometry, q, slope, bend), samples.first))
+
+
+def largest_ratios(
+    limits: MotionLimits, geometry: AxisGeometry, q: FloatArray, slope: FloatArray, bend: FloatArray
+) -> FloatArray:
+    """Largest ratio of any quantity to its limit at n points, shape (n,), from q, dq/ds and d2q/ds2 there."""
+    kinematic, none = limits.kinematic, np.zeros(len(limits.axis_names))
+    control, tracking = limits.control, limits.tracking
+    models = np.array(
+        [
+            1.0 / kinematic.velocity_mm_s,
+            1.0 / kinematic.acceleration_mm_s2,
+            1.0 / kinematic.jerk_mm_s3,
+            *(
+                [none] * 4
+                if control is None
+                else np.stack(
+                    [
+                        control.inertia_volts_s2_mm,
+                        control.viscous_volts_s_mm,
+                        control.offset_volts,
+                        control.coulomb_volts,
+                    ]
+                )
+                / control.limit_volts
+            ),
+            *(
+                [none] * 3
+                if tracking is None
+                else np.stack([tracking.ka_s2, tracking.kv_s, tracking.kj_s3]) / tracking.limit_mm
+            ),
+        ]
+    )
+    feed = np.minimum(geometry.feed_limit_mm_s, kinematic.feed_mm_s)
+    return _ratios(geometry.g1, geometry.g2, geometry.g3, 1.0 / feed, q, slope, bend, models)
+
+
+@compiled
+def _ratios(
+    g1: FloatArray,
+    g2: FloatArray,
+    g3: FloatArray,
+    inverse_feed: FloatArray,
+    q: FloatArray,
+    slope: FloatArray,
+    bend: FloatArray,
+    models: FloatArray,
+) -> FloatArray:
+    """Largest ratios, shape (n,).
+
+    Args:
+        g1, g2, g3: geometry of the axes, shape (n_axes, n).
+        inverse_feed: of the feed limits, shape (n,).
+        q, slope, bend: profile, shape (n,).
+        models: by their limits, shape (10, n_axes): 1 by those of velocity, acceleration and jerk; inertia, viscous,
+            offset and coulomb; ka, kv, kj.
+    """
+    ratios = np.empty(len(q))
+    for n in range(len(q)):
+        root = np.sqrt(q[n])
+        worst = root * inverse_feed[n]
+        for axis in range(len(g1)):
+            v = g1[axis, n] * root
+            a = g2[axis, n] * q[n] + 0.5 * g1[axis, n] * slope[n]
+            j = root * (g3[axis, n] * q[n] + 1.5 * g2[axis, n] * slope[n] + 0.5 * g1[axis, n] * bend[n])
+            control = models[3, axis] * a + models[4, axis] * v + models[5, axis] + models[6, axis] * np.sign(v)
+            error = models[7, axis] * a + models[8, axis] * v + models[9, axis] * j
+            kinematic = max(abs(v) * models[0, axis], abs(a) * models[1, axis], abs(j) * models[2, axis])
+            worst = max(worst, kinematic, abs(control), abs(error))
+        ratios[n] = worst
+    return ratios

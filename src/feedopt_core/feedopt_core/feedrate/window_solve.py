@@ -1,83 +1,35 @@
-"""Method ``lp``: velocity, acceleration and jerk limits of every axis, minimum time, quadratic B-spline in q.
-
-The limits are those of the thesis' LP (section 3.4). Its pseudo-jerk, which bounds sqrt(q) by the solution without jerk
-limit once and for all, is replaced by the jerk limit's own tangent, set anew in every iteration; its objective
-(integral of q) by the motion time. docs/decisions/ holds the reasons.
-"""
+"""One window while it is being solved: mesh, rows, end conditions, first guesses, repairs between the points."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import SolverError
 from feedopt_core.feedrate.mesh import KnotSpacing, QuadraticSpline, graded_knots
-from feedopt_core.feedrate.method import Window, WindowPlan
+from feedopt_core.feedrate.method import Window
 from feedopt_core.feedrate.profile import ElementKind, FeedProfile
-from feedopt_core.limits.axis_limits import KinematicLimits, LimitRows, axis_geometry, span_points
-from feedopt_core.limits.excess import limit_ratios
+from feedopt_core.limits.axis_limits import KinematicLimits, MotionLimits, axis_geometry, q_limit, span_points
+from feedopt_core.limits.derived import attainable_limits
 from feedopt_core.limits.rest import rest_length_mm, rest_scale_limit
+from feedopt_core.limits.rows import limit_rows, release_start_state
 from feedopt_core.path.toolpath import Toolpath
-from feedopt_core.solvers.banded_interior_point import FixedStart, RestEnd, TimeProblem, local_products, minimise_time
+from feedopt_core.solvers.banded_interior_point import FixedStart, RestEnd, TimeProblem, TimeSolution, minimise_time
 
 _POINTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 _BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90.0
 _MARGIN = 5e-4
 _RELAXED_MM = 20.0
-_REPAIRS = 8
-_ACCEPTED = 1.00001
-_SPLIT_ABOVE = 1.01
-_REFINEMENTS = (1.0, 3.0)
-"""Parts of the knot spacing to try, the next one where a window has no plan on the mesh before."""
+SPLIT_ABOVE = 1.01
+"""Ratio to a limit between the points from which on knots are split; below it the limits are lowered there."""
+_LOW, _VERY_LOW = 0.3, 0.02
+"""Parts of the largest q known beforehand that the optimisation starts from."""
 
 
-@dataclass(frozen=True)
-class KinematicMethod:
-    """Minimum time under kinematic limits on one window.
-
-    Attributes:
-        limits: of the axes and the feed.
-        knot_spacing_mm: largest spacing of the knots of q(s).
-    """
-
-    limits: KinematicLimits
-    knot_spacing_mm: float
-    name: str = "lp"
-
-    def plan(self, toolpath: Toolpath, window: Window) -> WindowPlan:
-        """See :class:`~feedopt_core.feedrate.method.PlanningMethod`. Raises SolverError."""
-        failure: SolverError | None = None
-        for refinement in _REFINEMENTS:
-            try:
-                return self._plan(toolpath, window, self.knot_spacing_mm / refinement)
-            except SolverError as error:
-                failure = error
-        raise SolverError(f"window {window.start_mm:.3f} to {window.end_mm:.3f} mm: {failure}") from failure
-
-    def _plan(self, toolpath: Toolpath, window: Window, knot_spacing_mm: float) -> WindowPlan:
-        knots = _knots(self.limits, toolpath, window, knot_spacing_mm)
-        solve = _WindowSolve(self.limits, toolpath, window, knots)
-        iterations = 0
-        worst = np.inf
-        for _ in range(_REPAIRS):
-            control_points, count, rows = solve.minimum_time()
-            iterations += count
-            profile = solve.profile(control_points)
-            excess = limit_ratios(toolpath, self.limits, profile[solve.spline_elements])
-            worst = float(np.max(excess))
-            if worst <= _ACCEPTED:
-                return WindowPlan(profile, self.name, len(control_points), rows, iterations)
-            if worst > _SPLIT_ABOVE:
-                solve = _WindowSolve(self.limits, toolpath, window, solve.split_knots(excess))
-            else:
-                solve.tighten(excess)
-        raise SolverError(f"{worst:.5f} times a limit between the knots after {_REPAIRS} repairs")
-
-
-def _knots(limits: KinematicLimits, toolpath: Toolpath, window: Window, spacing_mm: float) -> FloatArray:
+def window_knots(limits: KinematicLimits, toolpath: Toolpath, window: Window, spacing_mm: float) -> FloatArray:
+    """Knots of a window, its elements at rest included, shape (n,); the limits are finite ones."""
     start_rest = rest_length_mm(toolpath, limits, window.start_mm, +1) if window.start is None else None
     end_rest = rest_length_mm(toolpath, limits, window.end_mm, -1)
     return graded_knots(
@@ -86,19 +38,20 @@ def _knots(limits: KinematicLimits, toolpath: Toolpath, window: Window, spacing_
         KnotSpacing(toolpath, spacing_mm),
         rest_start_mm=None if start_rest is None else min(start_rest, spacing_mm),
         rest_end_mm=min(end_rest, spacing_mm),
+        spare_end=window.spare_end,
     )
 
 
-class _WindowSolve:
-    """One window while it is being solved: mesh, rows, end conditions."""
+class WindowSolve:
+    """Mesh, rows and ends of one window on given knots."""
 
-    def __init__(self, limits: KinematicLimits, toolpath: Toolpath, window: Window, knots: FloatArray) -> None:
+    def __init__(self, limits: MotionLimits, toolpath: Toolpath, window: Window, knots: FloatArray) -> None:
         self.limits, self.toolpath, self.window, self.knots = limits, toolpath, window, knots
         first = 1 if window.start is None else 0
         self.spline_elements = slice(first, len(self.knots) - 2)
         self.spline = QuadraticSpline.on(self.knots[first:-1])
         self.points_mm = span_points(self.spline.knots_mm, _POINTS)
-        self.geometry = axis_geometry(toolpath, limits.axis_matrix, self.points_mm)
+        self.geometry = axis_geometry(toolpath, limits.kinematic.axis_matrix, self.points_mm)
         self.scale = np.broadcast_to(self._margin(self.points_mm), self.points_mm.shape).copy()
 
     def _margin(self, s_mm: FloatArray) -> FloatArray:
@@ -116,32 +69,35 @@ class _WindowSolve:
 
     def split_knots(self, excess: FloatArray) -> FloatArray:
         """Knots with two more in each span where a limit was exceeded noticeably; excess has shape (m,)."""
-        spans = np.flatnonzero(excess > 0.5 * (1.0 + _SPLIT_ABOVE))
+        spans = np.flatnonzero(excess > 0.5 * (1.0 + SPLIT_ABOVE))
         knots = self.spline.knots_mm
         widths = np.diff(knots)[spans]
         return np.unique(np.concatenate([self.knots, knots[spans] + widths / 3.0, knots[spans] + widths * 2.0 / 3.0]))
 
-    def minimum_time(self) -> tuple[FloatArray, int, int]:
-        basis = self.spline.basis(_POINTS)
-        rows = LimitRows(self.geometry, self.limits, basis, self.scale)
+    def minimum_time(
+        self, before: FloatArray | None = None, guess: FeedProfile | None = None, *, cautious: bool = False
+    ) -> TimeSolution:
+        """Least motion time on this mesh.
+
+        Args:
+            before: control points that were the solution before the limits were lowered a little, shape (m + 2,).
+            guess: profile to start from, over a part of the window at least.
+            cautious: see :func:`minimise_time`.
+
+        Raises:
+            SolverError: no solution was found from any guess.
+        """
+        weights_mm = _BOOLE[:, None] * self.spline.widths_mm
+        rows = limit_rows(self.geometry, self.limits, self.spline.basis(_POINTS), weights_mm, self.scale)
         if self.window.start is not None:
-            rows.release_start_state()
-        start, end = self._start(), self._end()
-        problem = TimeProblem(
-            basis=rows.basis,
-            weights_mm=_BOOLE[:, None] * self.spline.widths_mm,
-            rows=lambda c: rows.tangent_at(local_products(rows.basis, c)),
-            start=start,
-            end=end,
-        )
+            release_start_state(rows)
+        problem = TimeProblem(rows, self._start(), self._end())
         failure: SolverError | None = None
-        for guess in self._guesses(rows, start, end):
+        for initial in self._guesses(problem, before, guess):
             try:
-                solution = minimise_time(problem, guess)
+                return minimise_time(problem, initial, cautious=cautious)
             except SolverError as error:
                 failure = error
-                continue
-            return solution.control_points, solution.iterations, solution.row_count
         raise SolverError(str(failure)) from failure
 
     def _start(self) -> FixedStart | RestEnd:
@@ -159,27 +115,34 @@ class _WindowSolve:
         p = rest_scale_limit(self.toolpath, self.limits, s_rest_mm, width_mm, sign, scale)
         return RestEnd(ratio=1.0 + 2.0 / 3.0 * span_mm / width_mm, outer_limit=p * float(np.cbrt(width_mm)) ** 4)
 
-    def _guesses(self, rows: LimitRows, start: FixedStart | RestEnd, end: RestEnd) -> Iterator[FloatArray]:
-        """Starting points below every limit known beforehand; first from the stop committed before, if there is one."""
+    def _guesses(
+        self, problem: TimeProblem, before: FloatArray | None, guess: FeedProfile | None
+    ) -> Iterator[FloatArray]:
+        """Starting points, the best first; those made here are below every limit known beforehand."""
+        if before is not None:
+            yield before
         knots = self.spline.knots_mm
         s = np.concatenate([knots[:1], (knots[:-1] + knots[1:]) / 2.0, knots[-1:]])
-        ceiling = np.concatenate([rows.q_limit[0, :1], np.min(rows.q_limit, axis=0), rows.q_limit[-1, -1:]])
-        for rest, at_mm in ((start, self.window.start_mm), (end, self.window.end_mm)):
+        bound = q_limit(self.geometry, attainable_limits(self.limits)) * self.scale**2
+        ceiling = np.concatenate([bound[0, :1], np.min(bound, axis=0), bound[-1, -1:]])
+        for rest, at_mm, edge in (
+            (problem.start, self.window.start_mm, knots[0]),
+            (problem.end, self.window.end_mm, knots[-1]),
+        ):
             if isinstance(rest, RestEnd):
-                edge = knots[0] if rest is start else knots[-1]
                 p = rest.outer_limit / abs(edge - at_mm) ** (4.0 / 3.0)
                 ceiling = np.minimum(ceiling, p * np.abs(s - at_mm) ** (4.0 / 3.0))
-        low = 0.3 * ceiling
-        if self.window.guess is not None:
-            before = self.window.guess
-            inside = (s >= before.s_mm[0]) & (s <= before.s_mm[-1])
+        low = _LOW * ceiling
+        if guess is not None:
+            inside = (s >= guess.s_mm[0]) & (s <= guess.s_mm[-1])
             warm = low.copy()
-            warm[inside] = np.maximum(warm[inside], 0.95 * before.q_at(s[inside])[0])
+            warm[inside] = np.maximum(warm[inside], 0.95 * guess.q_at(s[inside])[0])
             yield warm
         yield low
-        yield 0.02 * ceiling
+        yield _VERY_LOW * ceiling
 
     def profile(self, control_points: FloatArray) -> FeedProfile:
+        """Profile of control points, shape (m + 2,), with the elements at rest."""
         q, slope, bend = self.spline.start_of_spans(control_points)
         count = len(q)
         end_slope = 2.0 * float(control_points[-1] - control_points[-2]) / float(self.spline.widths_mm[-1])

@@ -1,0 +1,1 @@
+"""The planner measured: methods, windows, speed, scale."""

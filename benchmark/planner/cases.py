@@ -1,0 +1,156 @@
+"""The cases of the planner benchmark, section by section. Each yields rows as they are measured."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+from benchmark.planner.contours import hand_like, long_smooth, serpentine
+from benchmark.planner.measuring import Measured, measure, plan_segments, resident_mb, window_share
+
+from feedopt_core.config.locate import find_config
+from feedopt_core.config.machine import Machine, load_machine
+from feedopt_core.errors import FeedoptError
+from feedopt_core.feedrate.chunk import Chunk
+from feedopt_core.feedrate.planner import PlannerParameters
+from feedopt_core.path.segments import Segment
+from feedopt_core.toolpath.program import open_program, read_program
+
+_MESH_CONVERGED = 1e-3
+_FINEST_MM = 0.03
+_SCALE_M = (1.0, 10.0, 100.0, 250.0, 500.0, 750.0, 1000.0)
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A method that found no plan, and why."""
+
+    case: str
+    method: str
+    setting: str
+    cause: str
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A stream up to some length: computing time with the making of segments, memory, worst window so far."""
+
+    length_m: float
+    motion_s: float
+    compute_s: float
+    resident_mb: float
+    window_share: float
+    fallbacks: int
+
+
+Row = Measured | Failed | Scaled
+
+
+def fan() -> list[Segment]:
+    """Segments of the fan contour."""
+    program = find_config("programs", "fan_contour", ".csv")
+    return list(read_program(open_program(program), program.name, dimensions=2))
+
+
+def kinematic(runs: int) -> Iterator[Row]:
+    """The fan contour under axis limits alone."""
+    segments = fan()
+    for case in ("case_a", "case_b"):
+        for method in ("lp", "lp_nlp"):
+            yield _attempt(case, segments, load_machine(case), PlannerParameters(method=method), runs)
+
+
+def drives(runs: int) -> Iterator[Row]:
+    """Control signal and tracking error: every method, and the mesh-converged optimum of the whole path."""
+    segments, limited = fan(), load_machine("router_simulation")
+    for machine in (limited, without_velocity_limit(limited)):
+        case = f"fan, {'v 150' if machine is limited else 'v free'}, u 10 V, e 0.02 mm"
+        for method in ("lp", "lp_nlp"):
+            yield _attempt(case, segments, machine, PlannerParameters(method=method), runs)
+        yield from _converged(case, segments, machine)
+    yield _attempt("fan, v 150, u 10 V, e 0.02 mm", segments, limited, PlannerParameters(method="thesis"), 1)
+    hand = hand_like()
+    for method in ("lp", "lp_nlp", "thesis"):
+        yield _attempt("hand-like (own drawing)", hand, limited, PlannerParameters(method=method), runs)
+
+
+def without_velocity_limit(machine: Machine) -> Machine:
+    """The machine with the velocity that its control signal leaves it, as its only limit of velocity."""
+    return replace(machine, velocity_limit_mm_s=(float("inf"),) * len(machine.axis_names), feed_limit_mm_s=1e4)
+
+
+def _converged(case: str, segments: list[Segment], machine: Machine) -> Iterator[Row]:
+    """The whole path in one window, knots halved until the time changes by less than a tenth of a percent."""
+    spacing_mm, before_s = 2.0 * PlannerParameters().knot_spacing_mm, float("inf")
+    while spacing_mm > _FINEST_MM:
+        spacing_mm /= 2.0
+        row = _attempt(case, segments, machine, PlannerParameters(method="oneshot", knot_spacing_mm=spacing_mm), 1)
+        yield row
+        if not isinstance(row, Measured) or abs(row.motion_s / before_s - 1.0) < _MESH_CONVERGED:
+            return
+        before_s = row.motion_s
+
+
+def windows(runs: int) -> Iterator[Row]:
+    """Windowed against one window for the whole path, on the same mesh."""
+    machine = load_machine("router_simulation")
+    paths: tuple[tuple[str, Callable[[], list[Segment]]], ...] = (
+        ("fan", fan),
+        ("hand-like", hand_like),
+        ("long, 2 m", lambda: long_smooth(2_000.0)),
+        ("serpentine, 2 m", lambda: list(serpentine(2_000.0))),
+    )
+    for name, make in paths:
+        segments = make()
+        for limits in (machine, load_machine("case_a")):
+            case, whole = f"{name}, {limits.name}", PlannerParameters(commitment_mm=1e6)
+            for setting, parameters in (("windows", PlannerParameters()), ("whole path", whole)):
+                row = _attempt(case, segments, limits, parameters, runs)
+                yield replace(row, setting=f"{setting}, {row.setting}") if isinstance(row, Measured) else row
+
+
+def speed(runs: int) -> Iterator[Row]:
+    """18.5 m with about 4,000 control points, as large as the thesis' largest case; the path is our own."""
+    segments, machine = long_smooth(), without_velocity_limit(load_machine("router_simulation"))
+    for method in ("lp", "lp_nlp"):
+        parameters = PlannerParameters(method=method, knot_spacing_mm=18_500.0 / 4_000.0, commitment_mm=1e6)
+        yield _attempt("18.5 m (own drawing), whole path", segments, machine, parameters, runs)
+        yield _attempt("18.5 m (own drawing)", segments, machine, replace(parameters, commitment_mm=0.0), runs)
+
+
+def scale(runs: int) -> Iterator[Row]:
+    """One stream of a kilometre, looked at on the way: time must grow linearly, memory must not grow."""
+    marks_mm = [1e3 * length_m for length_m in _SCALE_M]
+    rows: list[Scaled] = []
+    worst_share, fallbacks, began_s = 0.0, 0, time.process_time()
+
+    def take(chunk: Chunk) -> None:
+        nonlocal worst_share, fallbacks
+        worst_share = max(worst_share, window_share(chunk))
+        fallbacks += chunk.figures.fallback
+        if chunk.s_commit_mm >= marks_mm[0] or chunk.last:
+            spent_s = time.process_time() - began_s
+            rows.append(Scaled(marks_mm.pop(0) / 1e3, chunk.t_commit_s, spent_s, resident_mb(), worst_share, fallbacks))
+
+    plan_segments(serpentine(marks_mm[-1]), load_machine("router_simulation"), PlannerParameters(), take)
+    yield from rows
+
+
+def _attempt(
+    case: str, segments: list[Segment], machine: Machine, parameters: PlannerParameters, runs: int
+) -> Measured | Failed:
+    setting = f"{parameters.knot_spacing_mm:g} mm"
+    try:
+        return measure(case, setting, segments, machine, parameters, runs=runs)
+    except FeedoptError as error:
+        return Failed(case, parameters.method, setting, str(error))
+
+
+SECTIONS: dict[str, Callable[[int], Iterator[Row]]] = {
+    "kinematic": kinematic,
+    "drives": drives,
+    "windows": windows,
+    "speed": speed,
+    "scale": scale,
+}

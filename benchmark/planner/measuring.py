@@ -1,0 +1,153 @@
+"""Plans a path as it arrives and takes every figure: motion, computing, ratios by two audits, windows, memory."""
+
+from __future__ import annotations
+
+import resource
+import statistics
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from feedopt_core.arrays import FloatArray
+from feedopt_core.audit.fine_grid import audit_profile
+from feedopt_core.audit.report import merge
+from feedopt_core.audit.setpoints import audit_setpoints
+from feedopt_core.config.machine import Machine
+from feedopt_core.feedrate.chunk import Chunk
+from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
+from feedopt_core.path.segments import Segment
+from feedopt_core.path.toolpath import Toolpath
+from feedopt_core.plan import interpolate
+
+PERIOD_S = 0.001
+_REST_TICKS = 10
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One plan of one path.
+
+    Attributes:
+        compute_s: CPU time of planning and audits, segments in, chunks out; median of the runs.
+        first_chunk_s: the part of it until the first chunk.
+        window_share: largest computing time of a window over the motion it commits.
+        ratio_1khz, ratio_fine: worst ratio to a limit by feedopt_core.audit, with its quantity and axis.
+        ratio_check: worst ratio by the differences below, which share no code with the core.
+        solvers: plans by the solver that found them.
+    """
+
+    case: str
+    method: str
+    setting: str
+    length_mm: float
+    motion_s: float
+    compute_s: float
+    first_chunk_s: float
+    window_share: float
+    windows: int
+    fallbacks: int
+    control_points: int
+    ratio_1khz: float
+    ratio_fine: float
+    ratio_check: float
+    binding: str
+    solvers: dict[str, int] = field(default_factory=dict)
+
+
+def plan_segments(
+    segments: Iterable[Segment], machine: Machine, parameters: PlannerParameters, on_chunk: Callable[[Chunk], None]
+) -> tuple[float, float]:
+    """Plan segment by segment; CPU time in all and until the first chunk, s, the making of segments left out."""
+    planner = StreamPlanner(machine, parameters)
+    spent_s = first_s = 0.0
+    for segment in segments:
+        began = time.process_time()
+        planner.add_segment(segment)
+        while (chunk := planner.next_chunk()) is not None:
+            first_s = first_s or spent_s + time.process_time() - began
+            on_chunk(chunk)
+            planner.discard_before(chunk.s_start_mm)
+        spent_s += time.process_time() - began
+    return spent_s, first_s
+
+
+def measure(
+    case: str,
+    setting: str,
+    segments: list[Segment],
+    machine: Machine,
+    parameters: PlannerParameters,
+    *,
+    runs: int = 1,
+) -> Measured:
+    """Plan a path ``runs`` times and audit the plan. Raises what the planner raises."""
+    times = []
+    for _ in range(runs):
+        chunks: list[Chunk] = []
+        times.append(plan_segments(segments, machine, parameters, chunks.append))
+    toolpath = Toolpath()
+    for segment in segments:
+        toolpath.append(segment)
+    setpoints = interpolate(toolpath, chunks, machine)
+    sampled = audit_setpoints(setpoints.position_mm, setpoints.s_mm, PERIOD_S, machine)
+    fine = merge(audit_profile(toolpath, chunk.profile, machine, chunk.t_start_s) for chunk in chunks)
+    worst = max((sampled.worst, fine.worst), key=lambda row: row.ratio)
+    return Measured(
+        case=case,
+        method=parameters.method,
+        setting=setting,
+        length_mm=toolpath.end_mm,
+        motion_s=chunks[-1].t_commit_s,
+        compute_s=statistics.median(spent for spent, _ in times),
+        first_chunk_s=statistics.median(first for _, first in times),
+        window_share=max(map(window_share, chunks)),
+        windows=len(chunks),
+        fallbacks=sum(chunk.figures.fallback for chunk in chunks),
+        control_points=sum(chunk.figures.variables for chunk in chunks),
+        ratio_1khz=sampled.worst.ratio,
+        ratio_fine=fine.worst.ratio,
+        ratio_check=worst_difference(setpoints.position_mm, machine),
+        binding=f"{worst.quantity} {worst.axis}".strip(),
+        solvers=dict(Counter(chunk.figures.solver for chunk in chunks)),
+    )
+
+
+def window_share(chunk: Chunk) -> float:
+    """Computing time of a window over the time of the motion it commits."""
+    figures = chunk.figures
+    return (figures.solve_time_s + figures.audit_time_s) / (chunk.t_commit_s - chunk.t_start_s)
+
+
+def worst_difference(position_mm: FloatArray, machine: Machine) -> float:
+    """Worst ratio of any axis to any limit it has, by repeated subtraction of set points, rest before and after."""
+    rest = _REST_TICKS
+    x = np.concatenate([np.repeat(position_mm[:1], rest, 0), position_mm, np.repeat(position_mm[-1:], rest, 0)])
+    v1 = (x[1:] - x[:-1]) / PERIOD_S
+    a1 = (v1[1:] - v1[:-1]) / PERIOD_S
+    j1 = (a1[1:] - a1[:-1]) / PERIOD_S
+    ratios = [
+        np.max(np.abs(values) / np.array(limits))
+        for values, limits in (
+            (v1, machine.velocity_limit_mm_s),
+            (a1, machine.acceleration_limit_mm_s2),
+            (j1, machine.jerk_limit_mm_s3),
+        )
+    ]
+    # All at the middle instants: a at set point i, v and j as the mean of their neighbours.
+    v, a, j = 0.5 * (v1[1:-2] + v1[2:-1]), a1[1:-1], 0.5 * (j1[:-1] + j1[1:])
+    if machine.drive is not None and machine.control_limit_volts is not None:
+        m, b, c, d = (np.array(row) for row in vars(machine.drive).values())
+        ratios.append(np.max(np.abs(m * a + b * v + c + d * np.sign(v)) / np.array(machine.control_limit_volts)))
+    if machine.tracking is not None and machine.tracking_error_limit_mm is not None:
+        kv, ka, kj = (np.array(row) for row in vars(machine.tracking).values())
+        ratios.append(np.max(np.abs(kv * v + ka * a + kj * j) / np.array(machine.tracking_error_limit_mm)))
+    return float(max(ratios))
+
+
+def resident_mb() -> float:
+    """Resident memory of this process now, MB."""
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * resource.getpagesize() / 1e6

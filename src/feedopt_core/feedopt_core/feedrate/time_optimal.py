@@ -1,0 +1,105 @@
+"""Methods ``lp`` and ``lp_nlp``: minimum time on one window, quadratic B-spline in q.
+
+``lp`` obeys velocity, acceleration and jerk limits within which the drives hold in the worst case, as the thesis' LP
+does (section 3.4); ``lp_nlp`` obeys control signal and tracking error themselves (section 3.6). The pseudo-jerk of the
+thesis is replaced by linearisations that are set anew in every iteration, its objective (integral of q) by the motion
+time. docs/decisions/ holds the reasons.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feedopt_core.arrays import FloatArray
+from feedopt_core.errors import SolverError
+from feedopt_core.feedrate.method import Window, WindowPlan
+from feedopt_core.feedrate.profile import FeedProfile
+from feedopt_core.feedrate.window_solve import SPLIT_ABOVE, WindowSolve, window_knots
+from feedopt_core.limits.axis_limits import MotionLimits
+from feedopt_core.limits.derived import braking_limits, ramp_limits
+from feedopt_core.limits.excess import limit_ratios
+from feedopt_core.limits.stopping import longest_stop_mm
+from feedopt_core.path.toolpath import Toolpath
+
+_REPAIRS = 8
+_ACCEPTED = 1.0001
+_KNOTS_OF_A_STOP = 4.0
+_REFINEMENT = 3.0
+"""Part of the knot spacing that the robust solver works on."""
+
+
+@dataclass(frozen=True)
+class TimeOptimalMethod:
+    """Minimum time under given limits on one window.
+
+    Where the solver fails, a robust one follows: cautious steps on a finer mesh, started from the plan under
+    ``safe_limits`` where there are such. That plan is taken where the robust solver fails too.
+
+    Attributes:
+        name: on the command line and in every chunk.
+        solver: name of the fast solver in the figures; the robust one is ``{solver}_robust``.
+        limits: of the axes, their drives and the feed.
+        knot_spacing_mm: largest spacing of the knots of q(s).
+        safe_limits: limits whose plans hold ``limits`` too and are easier to find.
+        whole_path: whether windows reach the end of the program or the next exact stop.
+    """
+
+    name: str
+    solver: str
+    limits: MotionLimits
+    knot_spacing_mm: float
+    safe_limits: MotionLimits | None = None
+    whole_path: bool = False
+
+    @property
+    def stopping_mm(self) -> float:
+        """See :class:`~feedopt_core.feedrate.method.PlanningMethod`."""
+        return longest_stop_mm(braking_limits(self.limits))
+
+    def plan(self, toolpath: Toolpath, window: Window) -> WindowPlan:
+        """See :class:`~feedopt_core.feedrate.method.PlanningMethod`. Raises SolverError."""
+        try:
+            return self._plan(toolpath, window, window.guess, robust=False)
+        except SolverError:
+            safe = self._safe_plan(toolpath, window)
+        try:
+            return self._plan(toolpath, window, window.guess if safe is None else safe.profile, robust=True)
+        except SolverError as error:
+            if safe is not None:
+                return safe
+            raise SolverError(f"window {window.start_mm:.3f} to {window.end_mm:.3f} mm: {error}") from error
+
+    def _safe_plan(self, toolpath: Toolpath, window: Window) -> WindowPlan | None:
+        if self.safe_limits is None:
+            return None
+        try:
+            return TimeOptimalMethod("lp", "lp", self.safe_limits, self.knot_spacing_mm).plan(toolpath, window)
+        except SolverError:
+            # A state outside the safe limits has no plan within them.
+            return None
+
+    def _plan(self, toolpath: Toolpath, window: Window, guess: FeedProfile | None, *, robust: bool) -> WindowPlan:
+        # Where the machine stops within a few knots, its ramps need more of them.
+        spacing_mm = min(self.knot_spacing_mm, max(self.stopping_mm, self.knot_spacing_mm) / _KNOTS_OF_A_STOP)
+        spacing_mm /= _REFINEMENT if robust else 1.0
+        knots = window_knots(ramp_limits(self.limits), toolpath, window, spacing_mm)
+        solve = WindowSolve(self.limits, toolpath, window, knots)
+        iterations, worst = 0, np.inf
+        before: FloatArray | None = None
+        for _ in range(_REPAIRS):
+            solution = solve.minimum_time(before, guess, cautious=robust)
+            iterations += solution.iterations
+            profile = solve.profile(solution.control_points)
+            excess = limit_ratios(toolpath, self.limits, profile[solve.spline_elements])
+            worst = float(np.max(excess))
+            if worst <= _ACCEPTED:
+                name = f"{self.solver}_robust" if robust else self.solver
+                return WindowPlan(profile, name, len(solution.control_points), solution.row_count, iterations)
+            if worst > SPLIT_ABOVE:
+                solve, before = WindowSolve(self.limits, toolpath, window, solve.split_knots(excess)), None
+            else:
+                solve.tighten(excess)
+                before = solution.control_points
+        raise SolverError(f"{worst:.5f} times a limit between the knots after {_REPAIRS} repairs")
