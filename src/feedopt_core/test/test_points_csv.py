@@ -11,7 +11,7 @@ import pytest
 from feedopt_core.errors import ToolpathError
 from feedopt_core.toolpath import points_csv
 from feedopt_core.toolpath.points_csv import read_points
-from feedopt_core.toolpath.program import open_program, read_program
+from feedopt_core.toolpath.program import ProgramKind, open_program, read_program
 
 
 def lines(text: str) -> list[str]:
@@ -131,7 +131,7 @@ def test_file_that_is_not_text_is_refused_at_the_first_bad_byte(
     path = tmp_path / "part.csv"
     path.write_bytes(data)
     with pytest.raises(ToolpathError, match="is not UTF-8 text") as caught:
-        open_program(path)
+        list(read_program(open_program(path), str(path), 2))
     assert (caught.value.source, caught.value.line, caught.value.column) == (str(path), line, column)
 
 
@@ -160,7 +160,9 @@ def test_unknown_kind_of_file_is_refused_by_its_suffix(tmp_path: Path, name: str
 def test_points_files_are_opened_by_suffix(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text("0,0\n1,1\n", encoding="utf-8")
-    assert open_program(path) == "0,0\n1,1\n"
+    program = open_program(path)
+    assert program.kind is ProgramKind.POINTS
+    assert list(program.lines(str(path))) == ["0,0\n", "1,1\n"]
 
 
 def test_z_on_a_plane_machine_is_refused() -> None:

@@ -1,0 +1,161 @@
+"""The designs that were compared: points in, curve out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import osqp
+from scipy import sparse
+from scipy.interpolate import BSpline, splprep
+from scipy.spatial import cKDTree
+
+from feedopt_core.arrays import FloatArray
+from feedopt_core.path.nurbs import NurbsCurve
+from feedopt_core.smoothing.nurbs_fit import fit_nurbs
+from feedopt_core.smoothing.run_knots import graded_joints, graded_spans, place_sites, span_lengths_mm, turns_rad
+from feedopt_core.smoothing.run_simplify import PolylineSimplifier
+from feedopt_core.smoothing.run_smoother import RunSmoother
+from feedopt_core.smoothing.run_tube import DEGREE, roughness, site_basis
+
+_BLOCK = 4096
+_BISECTIONS = 12
+_SLIDE = 5.0
+
+
+@dataclass(frozen=True)
+class Design:
+    """A way from points to curves that join.
+
+    Attributes:
+        name: short name.
+        note: what it is.
+        curves: of the points (shape (n, 2), mm) within a tolerance (mm).
+    """
+
+    name: str
+    note: str
+    curves: Callable[[FloatArray, float], Sequence[NurbsCurve]]
+
+
+def tube_spline(points_mm: FloatArray, tolerance_mm: float) -> list[NurbsCurve]:
+    """The design that was kept."""
+    smoother = RunSmoother(tolerance_mm)
+    lines, feed = np.arange(len(points_mm)), np.full(len(points_mm), np.inf)
+    pieces = []
+    for low in range(0, len(points_mm), _BLOCK):
+        part = slice(low, low + _BLOCK)
+        pieces += smoother.add(points_mm[part], lines[part], feed[part])
+    return [piece.curve for piece in pieces + smoother.finish()]
+
+
+def tube_programme(points_mm: FloatArray, tolerance_mm: float) -> list[NurbsCurve]:
+    """Least integral |r'''|^2 with the distance along the normal of each site bounded, as one quadratic programme."""
+    vertices = simplified(points_mm, 0.1 * tolerance_mm)
+    u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1))])
+    coarse = simplified(vertices, 0.5 * tolerance_mm)
+    at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(coarse, axis=0), axis=1))])
+    at *= u[-1] / at[-1]
+    spans = graded_spans(at, span_lengths_mm(turns_rad(coarse), tolerance_mm))
+    joints = graded_joints(at, spans, 0.0)
+    sites_u, chord = place_sites(u, graded_spans(u, np.interp(u, at, spans)), 0.0)
+    z = ((sites_u - u[chord]) / np.diff(u)[chord])[:, None]
+    sites = vertices[chord] * (1.0 - z) + vertices[chord + 1] * z
+    tangent = np.gradient(sites, sites_u, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    knots = np.concatenate([np.full(DEGREE, joints[0]), joints, np.full(DEGREE, joints[-1])])
+    count = len(knots) - DEGREE - 1
+    first, values = site_basis(knots, sites_u)
+    rows = np.repeat(np.arange(len(sites_u)), DEGREE + 1)
+    columns = (first[:, None] + np.arange(DEGREE + 1)).ravel()
+    basis = sparse.csc_array((values.ravel(), (rows, columns)), shape=(len(sites_u), count))
+    bands = roughness(knots)
+    diagonals: list[Any] = [bands[: count - k, k] for k in range(DEGREE + 1)]
+    upper = sparse.diags_array(diagonals, offsets=range(DEGREE + 1))
+    one = sparse.csc_array(upper + upper.T - sparse.diags_array(bands[:, 0]))
+    hesse = sparse.block_diag([one, one], format="csc")
+    across = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    blocks = [
+        sparse.hstack([sparse.diags_array(way[:, 0]) @ basis, sparse.diags_array(way[:, 1]) @ basis])
+        for way in (across, tangent)
+    ]
+    centre = np.concatenate([np.sum(across * sites, axis=1), np.sum(tangent * sites, axis=1)])
+    half = np.repeat([0.85 * tolerance_mm, _SLIDE * tolerance_mm], len(sites_u))
+    for row in (0, len(sites_u) - 1):
+        half[[row, row + len(sites_u)]] = 0.0
+    solver = osqp.OSQP()
+    solver.setup(
+        sparse.csc_matrix(sparse.triu(hesse)),
+        np.zeros(2 * count),
+        sparse.csc_matrix(sparse.vstack(blocks)),
+        centre - half,
+        centre + half,
+        eps_abs=2e-5,
+        eps_rel=1e-9,
+        max_iter=20000,
+        verbose=False,
+    )
+    control = solver.solve().x.reshape(2, count).T
+    return [NurbsCurve.from_control_net(DEGREE, knots, np.ascontiguousarray(control), np.ones(count))]
+
+
+def penalised_cubic(points_mm: FloatArray, tolerance_mm: float) -> list[NurbsCurve]:
+    """Cubic smoothing spline (FITPACK), one smoothing factor for the whole run, as large as the tolerance allows."""
+    return [_penalised(points_mm, tolerance_mm, 3)]
+
+
+def penalised_quintic(points_mm: FloatArray, tolerance_mm: float) -> list[NurbsCurve]:
+    """The same with a quintic spline."""
+    return [_penalised(points_mm, tolerance_mm, 5)]
+
+
+def _penalised(points_mm: FloatArray, tolerance_mm: float, degree: int) -> NurbsCurve:
+    low, high = 1e-12, float(len(points_mm)) * tolerance_mm**2
+    chords = np.linalg.norm(np.diff(points_mm, axis=0), axis=1)
+    u = np.concatenate([[0.0], np.cumsum(chords)])
+    best: BSpline | None = None
+    for _ in range(_BISECTIONS):
+        factor = float(np.sqrt(low * high))
+        fitted: Any = splprep(points_mm.T, u=u, s=factor, k=degree)
+        spline = BSpline(fitted[0][0], np.stack(fitted[0][1], axis=1), degree)
+        if np.max(np.linalg.norm(spline(u) - points_mm, axis=1)) <= tolerance_mm:
+            low, best = factor, spline
+        else:
+            high = factor
+    if best is None:
+        raise ValueError("no smoothing factor keeps the tolerance")
+    return NurbsCurve.from_control_net(degree, best.t, best.c, np.ones(len(best.c)))
+
+
+def beta_nurbs(points_mm: FloatArray, tolerance_mm: float) -> tuple[NurbsCurve, ...]:
+    """Least-squares cubic NURBS joined by beta constraints, through the vertices that half of the tolerance leaves."""
+    return fit_nurbs(simplified(points_mm, 0.5 * tolerance_mm)).curves
+
+
+def simplified(points_mm: FloatArray, tolerance_mm: float) -> FloatArray:
+    """Vertices of the polyline that a tolerance leaves."""
+    simplifier = PolylineSimplifier(tolerance_mm)
+    vertices = simplifier.add(points_mm, np.arange(len(points_mm)), np.ones(len(points_mm)))
+    return vertices.joined(simplifier.finish()).points_mm
+
+
+def deviation_mm(curves: Sequence[NurbsCurve], points_mm: FloatArray) -> float:
+    """Largest distance from a programmed point to the curve, by samples 1 um apart or closer."""
+    parts = []
+    for curve in curves:
+        joints = curve.joints
+        speed = np.max(np.linalg.norm(curve.evaluate(joints)[1], axis=1))
+        count = int(np.ceil(2.0 * speed * (joints[-1] - joints[0]) / 1e-3))
+        parts.append(curve.evaluate(np.linspace(joints[0], joints[-1], max(count, 2)))[0])
+    return float(np.max(cKDTree(np.concatenate(parts)).query(points_mm)[0]))
+
+
+DESIGNS = (
+    Design("tube spline", "quintic, least integral |r'''|^2 in the tube, reweighted", tube_spline),
+    Design("tube programme", "the same in the tube of normals, OSQP, whole run at once", tube_programme),
+    Design("penalised quintic", "smoothing spline, one factor for the run", penalised_quintic),
+    Design("penalised cubic", "smoothing spline, one factor for the run", penalised_cubic),
+    Design("beta NURBS", "least squares through thinned points, G2 by beta constraints", beta_nurbs),
+)

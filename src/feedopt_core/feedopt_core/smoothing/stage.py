@@ -1,0 +1,208 @@
+"""The smoothing stage: programmed moves in, segments of a smooth path out, as a stream.
+
+Moves become sides (smooth pieces between joints); every joint between two sides is then resolved in turn:
+
+- the sides continue each other: nothing to do
+- corner between straight sides: pair of Euler spirals
+- any other joint: both sides are cut back and joined by a quintic
+- no curve within the tolerance (reversal, cusp, no room), or an exact stop is programmed: the machine stops there
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from feedopt_core.errors import ToolpathError
+from feedopt_core.path.segments import PlanarSegment, Segment, SegmentPlace
+from feedopt_core.smoothing.blend import SMOOTH_TURN_RAD, blend, continues
+from feedopt_core.smoothing.corner import EulerPair, turning_angle
+from feedopt_core.smoothing.side import Side, part, rounding_mm
+from feedopt_core.smoothing.side_reader import SideReader
+from feedopt_core.toolpath.moves import Move, ProgramEvent
+
+_SHARPEST_CORNER_RAD = 2.97
+"""170 degrees: beyond, the spirals are so tight that stopping is as fast."""
+_BRIDGED = 4.0
+"""Sides shorter than so many tolerances have no room for a blend at either end: one blend replaces them."""
+_LONGEST_BRIDGE = 12.0
+
+
+def smooth(
+    moves: Iterator[Move], tolerance_mm: float, dimensions: int, rapid_tolerance_mm: float | None = None
+) -> Iterator[Segment]:
+    """Segments of the smoothed path, G2 everywhere but at exact stops, in order, as soon as they are final.
+
+    Events that stand behind the last motion have no segment to take effect at and end with the program.
+
+    Args:
+        moves: of the program.
+        tolerance_mm: largest distance of the smoothed from the programmed path where the program gives none.
+        dimensions: coordinates of the machine, 2 or 3.
+        rapid_tolerance_mm: the same for joints between rapids; None: as for feed moves. Where a rapid meets a feed
+            move, the smaller one of the two holds.
+
+    Raises:
+        ToolpathError: a move needs a coordinate the machine has not, does not start where the one before ended, or
+            has no curve; there is no motion at all. Names the line.
+    """
+    reader = SideReader(tolerance_mm, dimensions, rapid_tolerance_mm)
+    stream = SegmentStream()
+    for move in moves:
+        if isinstance(move, ProgramEvent):
+            yield from stream.take_all(reader.flush())
+            stream.take_event(move)
+            if move.end:
+                break
+        else:
+            yield from stream.take_all(reader.take(move))
+    yield from stream.take_all(reader.flush())
+    yield from stream.finish()
+
+
+class SegmentStream:
+    """Sides in, segments out. It holds one side, and one segment whose end is not decided yet."""
+
+    def __init__(self) -> None:
+        self._side: Side | None = None
+        self._cut_mm = 0.0
+        self._bridge: list[Side] = []
+        self._events: list[str] = []
+        self._due: list[str] = []
+        self._stop = False
+        self._dwell_s = 0.0
+        self._held: Segment | None = None
+
+    def take_event(self, event: ProgramEvent) -> None:
+        """Something that happens behind the last side; the texts go to the segment that starts there."""
+        if event.text:
+            self._events.append(event.text)
+        self._stop = self._stop or event.stop or event.dwell_s > 0.0
+        self._dwell_s += event.dwell_s
+
+    def take_all(self, sides: Iterator[Side]) -> Iterator[Segment]:
+        """Segments that became final with the sides."""
+        for side in sides:
+            yield from self._take(side)
+
+    def finish(self) -> Iterator[Segment]:
+        """The rest of the segments; the last one ends the program. Raises ToolpathError where there is none."""
+        if self._side is None:
+            raise ToolpathError("holds no motion", line=1, column=1)
+        yield from self._settle_bridge()
+        yield from self._leave(self._side.length_mm)
+        assert self._held is not None
+        yield replace(self._held, place=replace(self._held.place, last=True))
+
+    def _take(self, side: Side) -> Iterator[Segment]:
+        before = self._bridge[-1] if self._bridge else self._side
+        if before is None:
+            self._due, self._events, self._stop, self._dwell_s = self._events, [], False, 0.0
+            self._side = side
+            return
+        stops = self._stop or before.exact_stop
+        tiny = side.length_mm < _BRIDGED * side.tolerance_mm and not (stops or side.exact_stop or side.follows)
+        room = _LONGEST_BRIDGE * side.tolerance_mm - sum(held.length_mm for held in self._bridge)
+        if tiny and side.length_mm <= room:
+            self._bridge.append(side)
+            return
+        if stops or side.follows or tiny:
+            yield from self._settle_bridge()
+        yield from self._resolve(side)
+
+    def _settle_bridge(self) -> Iterator[Segment]:
+        """No blend spans the tiny sides: each joint for itself."""
+        bridge, self._bridge = self._bridge, []
+        events, stop, dwell_s = self._events, self._stop, self._dwell_s
+        self._events, self._stop, self._dwell_s = [], False, 0.0
+        for side in bridge:
+            yield from self._resolve(side)
+        self._events, self._stop, self._dwell_s = events, stop, dwell_s
+
+    def _resolve(self, after: Side) -> Iterator[Segment]:
+        """The joint between the side held and the next one, which is held then."""
+        before, bridge = self._side, self._bridge
+        assert before is not None
+        if self._stop or before.exact_stop:
+            yield from self._stop_before(after)
+        elif not bridge and after.follows:
+            yield from self._go_on(after)
+        elif not bridge and before.straight and after.straight:
+            yield from self._corner(before, after)
+        elif not bridge and continues(before.curve, after.curve):
+            yield from self._go_on(after)
+        else:
+            found = blend(before, bridge, after)
+            if found is not None:
+                self._bridge = []
+                yield from self._leave(before.length_mm - found.cut_before_mm)
+                yield from self._place(found.curve, before, *bridge, after)
+                self._hold(after, found.cut_after_mm)
+            elif bridge:
+                yield from self._settle_bridge()
+                yield from self._resolve(after)
+            else:
+                yield from self._stop_before(after)
+
+    def _corner(self, before: Side, after: Side) -> Iterator[Segment]:
+        assert isinstance(before.curve, PlanarSegment) and isinstance(after.curve, PlanarSegment)
+        directions = before.curve.tangent, after.curve.tangent
+        angle = turning_angle(*directions)
+        room_mm = min(before.room_end_mm, after.room_start_mm)
+        corner_mm = after.curve.start_mm
+        if angle <= SMOOTH_TURN_RAD:
+            yield from self._go_on(after)
+            return
+        if angle > _SHARPEST_CORNER_RAD or room_mm <= 1e3 * rounding_mm(corner_mm):
+            yield from self._stop_before(after)
+            return
+        pair = EulerPair.turning(angle)
+        length_mm = pair.length_mm(min(before.tolerance_mm, after.tolerance_mm), room_mm)
+        first, second = pair.curves(corner_mm, *directions, length_mm)
+        cut_mm = pair.half_side * length_mm
+        yield from self._leave(before.length_mm - cut_mm)
+        yield from self._place(first, before, after)
+        self._due, self._events = self._events, []
+        yield from self._place(second, before, after)
+        self._hold(after, cut_mm)
+
+    def _go_on(self, after: Side) -> Iterator[Segment]:
+        """The sides continue each other."""
+        assert self._side is not None
+        yield from self._leave(self._side.length_mm)
+        self._hold(after, 0.0)
+
+    def _stop_before(self, after: Side) -> Iterator[Segment]:
+        assert self._side is not None
+        yield from self._leave(self._side.length_mm)
+        assert self._held is not None
+        place = replace(self._held.place, exact_stop=True, dwell_s=self._held.place.dwell_s + self._dwell_s)
+        self._held = replace(self._held, place=place)
+        self._hold(after, 0.0)
+
+    def _hold(self, side: Side, cut_mm: float) -> None:
+        self._side, self._cut_mm = side, cut_mm
+        self._due, self._events = [*self._due, *self._events], []
+        self._stop, self._dwell_s = False, 0.0
+
+    def _leave(self, end_mm: float) -> Iterator[Segment]:
+        """What is left of the side held, up to an arc length on its curve."""
+        side = self._side
+        assert side is not None
+        yield from self._place(part(side.curve, self._cut_mm, end_mm), side)
+
+    def _place(self, curve: Segment, *sides: Side) -> Iterator[Segment]:
+        """Put the next curve at its place: the lower feed, a rapid only between rapids."""
+        before = self._held
+        place = SegmentPlace(
+            sequence=1 if before is None else before.place.sequence + 1,
+            source_line=sides[0].line,
+            s_start_mm=0.0 if before is None else before.place.s_start_mm + before.length_mm,
+            feed_limit_mm_s=min(side.feed_mm_s for side in sides),
+            rapid=all(side.rapid for side in sides),
+            events=tuple(self._due),
+        )
+        self._due = []
+        self._held = replace(curve, place=place)
+        if before is not None:
+            yield before
