@@ -16,6 +16,7 @@ from feedopt_node.run import EXIT_SECOND_GRAPH
 from feedopt_tools.bags.check_bag import check_run
 from feedopt_tools.bags.read_bag import read_bag
 from feedopt_tools.execute.client import ProgramRequest, Progress
+from feedopt_tools.execute.line_sender import BLOCK_LINES, BLOCKS_AHEAD
 from feedopt_tools.execute.processes import executable_path
 
 pytestmark = pytest.mark.graph
@@ -61,6 +62,36 @@ def test_a_missing_file_is_rejected_by_name(graph: RunningGraph, tmp_path: Path)
     outcome = graph.run(ProgramRequest("none.csv", path=path))
     assert outcome.outcome == Result.REJECTED_PROGRAM
     assert str(path) in outcome.message
+
+
+def test_a_streamed_program_is_the_same_as_its_text(graph: RunningGraph) -> None:
+    """More blocks than may be under way at once: the sender has to wait for the reader."""
+    remarks = "(nothing moves here)\n" * ((BLOCKS_AHEAD + 10) * BLOCK_LINES)
+    text = f"G21 G90 G64 P0.05 F6000\n{remarks}G1 X10\nG3 Y5 J2.5\nG1 X-4\nM2\n"
+    whole = graph.run(ProgramRequest("pocket.ngc", text=text))
+    assert whole.succeeded, whole.message
+    assert whole.segments > 0
+    streamed = graph.run(ProgramRequest("pocket.ngc", text=text, streamed=True))
+    assert streamed.succeeded, streamed.message
+    assert (streamed.segments, streamed.path_length_mm) == (whole.segments, whole.path_length_mm)
+    assert streamed.motion_time_s == pytest.approx(whole.motion_time_s, rel=1e-9)
+
+
+def test_a_goal_that_no_transition_can_meet_is_rejected(graph: RunningGraph) -> None:
+    outcome = graph.run(ProgramRequest("tiny.csv", text=TINY, transition_reach_mm=2.0, transition_side="above"))
+    assert outcome.outcome == Result.REJECTED_PROGRAM
+    assert "no side 'above'" in outcome.message
+    outcome = graph.run(ProgramRequest("tiny.csv", text=TINY, transition_reach_mm=2.0))
+    assert outcome.outcome == Result.REJECTED_PROGRAM
+    assert "list of points" in outcome.message
+    assert_runs_a_good_program(graph)
+
+
+def test_a_streamed_program_may_be_bad(graph: RunningGraph) -> None:
+    outcome = graph.run(ProgramRequest("bad.ngc", text="G21 F600\nG1 X10\nG1 X2-0\n", streamed=True))
+    assert outcome.outcome == Result.REJECTED_PROGRAM
+    assert outcome.line == 3
+    assert_runs_a_good_program(graph)
 
 
 def test_a_cancelled_program_comes_to_rest_on_the_path(graph: RunningGraph) -> None:

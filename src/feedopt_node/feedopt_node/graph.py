@@ -76,6 +76,15 @@ class NodeProcess:
         """Parameters with lists where ROS wants lists."""
         return {key: list(value) if isinstance(value, tuple) else value for key, value in self.parameters.items()}
 
+    def parameters_yaml(self) -> str:
+        """What the node is started with, as one parameter file: its own file with the further parameters over it."""
+        document = yaml.safe_load(self.parameter_file.read_text(encoding="utf-8")) or {}
+        values: dict[str, Any] = {}
+        for section in ("/**", self.name):
+            values.update((document.get(section) or {}).get("ros__parameters") or {})
+        values.update(self.ros_parameters())
+        return yaml.safe_dump({self.name: {"ros__parameters": values}}, sort_keys=False)
+
     def ros_arguments(self) -> list[str]:
         """Arguments of the executable: name, parameter file and parameters."""
         arguments = ["--ros-args", "-r", f"__node:={self.name}", "--params-file", str(self.parameter_file)]

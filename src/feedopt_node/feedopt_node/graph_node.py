@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
 from rclpy.callback_groups import CallbackGroup
@@ -41,18 +42,20 @@ class GraphNode(Node, Generic[P]):
     Args:
         name: name of the node in the graph.
         parameters: its parameter dataclass.
+        polled: the node calls ``life.poll`` itself, often.
 
     Raises:
         ConfigError: a parameter or a name the graph does not know.
     """
 
-    def __init__(self, name: str, parameters: type[P]) -> None:
+    def __init__(self, name: str, parameters: type[P], *, polled: bool = False) -> None:
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.parameters: P = declare_parameters(self, parameters)
         self.graph = load_graph()
         if self.get_name() not in self.graph.nodes:
             raise ConfigError(f"{self.get_name()} is not a node of the graph; known are {', '.join(self.graph.nodes)}")
-        self.life = NodeLife(self, self.graph, self.parameters.present_nodes or tuple(self.graph.nodes))
+        present = self.parameters.present_nodes or tuple(self.graph.nodes)
+        self.life = NodeLife(self, self.graph, present, polled=polled)
 
     def publish_topic(self, topic: str) -> Publisher:
         """Publisher with the type and quality of service of the graph; readiness waits for its subscriptions."""
@@ -62,12 +65,22 @@ class GraphNode(Node, Generic[P]):
         return publisher
 
     def subscribe_topic(
-        self, topic: str, callback: Callable[[Any], None], *, raw: bool = False, group: CallbackGroup | None = None
+        self,
+        topic: str,
+        callback: Callable[[Any], None],
+        *,
+        raw: bool = False,
+        group: CallbackGroup | None = None,
+        depth: int = 0,
     ) -> Subscription:
-        """Subscription to a topic of the graph; readiness waits for its publishers. ``raw`` gives the CDR bytes."""
+        """Subscription to a topic of the graph; readiness waits for its publishers.
+
+        ``raw`` gives the CDR bytes; ``depth`` keeps more messages than the graph says, for one who may take them late.
+        """
         entry = self._topic(topic, self.graph.subscriptions(self.get_name()))
+        profile = qos_profile(replace(entry.qos, depth=max(depth, entry.qos.depth)))
         subscription = self.create_subscription(
-            interface_class(entry.type), topic, callback, qos_profile(entry.qos), raw=raw, callback_group=group
+            interface_class(entry.type), topic, callback, profile, raw=raw, callback_group=group
         )
         self.life.watch_subscription(topic, subscription)
         return subscription

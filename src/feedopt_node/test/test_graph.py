@@ -35,7 +35,8 @@ def test_subscriptions_wait_for_the_nodes_that_are_there(graph: Graph) -> None:
 
 def test_every_topic_is_published_and_recorded(graph: Graph) -> None:
     for topic in graph.topics.values():
-        assert topic.publishers
+        # Lines of a streamed program come from outside of the graph.
+        assert topic.publishers or topic.name == "/program_lines"
         assert "recorder" in topic.subscribers
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,14 +18,16 @@ from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import FeedoptError, ToolpathError
 from feedopt_core.path.segments import Segment
 from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM
-from feedopt_core.toolpath.program import open_program, read_program
+from feedopt_core.smoothing.layers import LayerTransitions
+from feedopt_core.toolpath.program import Program, open_program, read_program
 from feedopt_msgs.action import ExecuteProgram
-from feedopt_msgs.msg import NodeStatus
+from feedopt_msgs.msg import NodeStatus, ProgramLines
 from feedopt_node.conversions import segment_to_message
 from feedopt_node.graph_node import GraphNode
 from feedopt_node.parameters import MachineNodeParameters, parameter
 from feedopt_node.run import run_node
 from feedopt_planner.conversions import DisplayPath, failed_program, refused_program
+from feedopt_planner.line_inbox import LineInbox
 
 NODE_NAME = "toolpath"
 ACTION = "/execute_program"
@@ -69,6 +72,7 @@ class RunningProgram:
 
     goal: ServerGoalHandle
     display: DisplayPath
+    lines: LineInbox
     program_id: int = 0
     segments: int = 0
     s_mm: float = 0.0
@@ -84,9 +88,11 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
         self._changed = threading.Condition()
         self._running: RunningProgram | None = None
         self._accepted = False
+        self._lines = LineInbox()
         self._closing = False
         self._segments = self.publish_topic("/toolpath")
         self._display = self.publish_topic("/toolpath_display")
+        self.subscribe_topic("/program_lines", self._take_lines)
         self.life.on_peer(self._take_status)
         self.life.progress_from(self._progress)
         self._action = ActionServer(
@@ -111,6 +117,8 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
                 self.get_logger().warning("goal refused: another program is being executed")
                 return GoalResponse.REJECT
             self._accepted = True
+            # From here on: the sender may start as soon as the goal is accepted.
+            self._lines = LineInbox()
         return GoalResponse.ACCEPT
 
     def _take_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
@@ -119,7 +127,7 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
         return CancelResponse.ACCEPT
 
     def _execute(self, goal: ServerGoalHandle) -> Result:
-        run = RunningProgram(goal, DisplayPath(self.parameters.display_spacing_mm))
+        run = RunningProgram(goal, DisplayPath(self.parameters.display_spacing_mm), self._lines)
         try:
             result = self._run(run)
         finally:
@@ -143,7 +151,7 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
             with self._changed:
                 self._running = run
             self.life.begin_program(run.program_id)
-            for segment in self._read(run.goal.request):
+            for segment in self._read(run):
                 self._wait(run, lambda: self._room(run))
                 self._publish(run, segment)
             self._display.publish(run.display.to_message(self.get_clock().now().nanoseconds))
@@ -154,6 +162,10 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
             result, canceled = refused_program(error), False
         except FeedoptError as error:
             result, canceled = Result(outcome=Result.FAULT, message=f"{NODE_NAME}: {error}"), False
+        except Exception as error:  # noqa: BLE001 (whatever broke here: the machine comes to rest, the client hears)
+            self.get_logger().error(traceback.format_exc())
+            message = f"{NODE_NAME}: unexpected {type(error).__name__}: {error}; its log has the trace"
+            result, canceled = Result(outcome=Result.FAULT, message=message), False
         else:
             self.life.report(state=NodeStatus.DONE)
             run.goal.succeed()
@@ -166,12 +178,32 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
             (run.goal.canceled if canceled else run.goal.abort)()
         return result
 
-    def _read(self, request: ExecuteProgram.Goal) -> Iterator[Segment]:
+    def _read(self, run: RunningProgram) -> Iterator[Segment]:
+        request = run.goal.request
         tolerance_mm = request.tolerance_mm or self.parameters.tolerance_mm
-        text, source = request.text, "program text"
-        if request.path:
-            text, source = open_program(Path(request.path)), request.path
-        return read_program(text, request.name or source, self._dimensions, tolerance_mm)
+        if request.streamed:
+            program, source = Program.from_lines(self._streamed_lines(run), request.name), "/program_lines"
+        elif request.path:
+            program, source = open_program(Path(request.path)), request.path
+        else:
+            program, source = Program.from_text(request.text, request.name), "program text"
+        transitions = LayerTransitions.wished(request.transition_reach_mm, request.transition_side)
+        return read_program(program, request.name or source, self._dimensions, tolerance_mm, transitions)
+
+    def _streamed_lines(self, run: RunningProgram) -> Iterator[str | None]:
+        """Lines as they arrive, None before a wait. Raises ProgramStopped, and ToolpathError where lines are lost."""
+        while True:
+            with self._changed:
+                waiting = not run.lines.ready
+            if waiting:
+                yield None
+            self._wait(run, lambda: run.lines.ready)
+            with self._changed:
+                lines = run.lines.take()
+            if lines is None:
+                return
+            yield from lines
+            self.life.report()
 
     def _publish(self, run: RunningProgram, segment: Segment) -> None:
         message = segment_to_message(segment, run.program_id)
@@ -220,6 +252,12 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
         router = self._peer("router_sim", run)
         return router is not None and router.state in (NodeStatus.DONE, NodeStatus.FAULT)
 
+    def _take_lines(self, message: ProgramLines) -> None:
+        with self._changed:
+            if self._accepted:
+                self._lines.put(message.sequence, message.lines, last=message.last)
+                self._changed.notify_all()
+
     def _take_status(self, status: NodeStatus) -> None:
         with self._changed:
             run = self._running
@@ -259,7 +297,13 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
 
     def _progress(self) -> dict[str, Any]:
         run = self._running
-        return {} if run is None else {"last_output_sequence": run.segments, "s_mm": run.s_mm}
+        if run is None:
+            return {}
+        return {
+            "last_input_sequence": run.lines.sequence,
+            "last_output_sequence": run.segments,
+            "s_mm": run.s_mm,
+        }
 
 
 def main() -> None:

@@ -13,6 +13,7 @@ from feedopt_core.config.locate import config_directory
 from feedopt_core.errors import ConfigError
 from feedopt_core.feedrate.planner import PlannerParameters
 from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM
+from feedopt_core.smoothing.layers import TransitionSide
 from feedopt_node.parameters import load_parameters
 from feedopt_tools.command.workspace import workspace_root
 
@@ -43,6 +44,25 @@ def tolerance_option(function: F) -> F:
         show_default=True,
         help=text,
     )(function)
+
+
+def transition_options(function: F) -> F:
+    """``--transition-reach-mm`` and ``--transition-side``: see :meth:`LayerTransitions.wished`."""
+    side = click.option(
+        "--transition-side",
+        type=click.Choice([side.value for side in TransitionSide]),
+        default=TransitionSide.OUTSIDE.value,
+        show_default=True,
+        help="Side of the contours that layer transitions may use.",
+    )
+    reach = click.option(
+        "--transition-reach-mm",
+        type=click.FloatRange(min=0.0),
+        default=0.0,
+        metavar="MM",
+        help="Replace the ways between layers of closed contours by smooth curves that reach this far; 0: do not.",
+    )
+    return reach(side(function))
 
 
 def planner_parameters(method: str) -> PlannerParameters:

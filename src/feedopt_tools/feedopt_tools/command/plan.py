@@ -12,8 +12,15 @@ import numpy as np
 from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import ConfigError
 from feedopt_core.plan import Plan, Setpoints, plan_program
+from feedopt_core.smoothing.layers import LayerTransitions
 from feedopt_tools.command.exit_codes import FAILURE, OK
-from feedopt_tools.command.options import machine_option, method_option, planner_parameters, tolerance_option
+from feedopt_tools.command.options import (
+    machine_option,
+    method_option,
+    planner_parameters,
+    tolerance_option,
+    transition_options,
+)
 
 _HEADER = "t_s,s_mm,feedrate_mm_s,x_mm,y_mm,z_mm"
 
@@ -23,17 +30,26 @@ _HEADER = "t_s,s_mm,feedrate_mm_s,x_mm,y_mm,z_mm"
 @machine_option
 @method_option
 @tolerance_option
+@transition_options
 @click.option("--setpoints", type=click.Path(path_type=Path, dir_okay=False), help="CSV file for the set points.")
 @click.option("--report", type=click.Path(path_type=Path, dir_okay=False), help="JSON file for times and audit.")
 def command(
-    program: Path, machine: str, method: str, tolerance_mm: float, setpoints: Path | None, report: Path | None
+    program: Path,
+    machine: str,
+    method: str,
+    tolerance_mm: float,
+    transition_reach_mm: float,
+    transition_side: str,
+    setpoints: Path | None,
+    report: Path | None,
 ) -> None:
     """Plan PROGRAM without ROS; write set points and report.
 
     Fails where the audit of the plan does not hold.
     """
     parameters = planner_parameters(method)
-    plan = plan_program(program, load_machine(machine), parameters, tolerance_mm)
+    transitions = LayerTransitions.wished(transition_reach_mm, transition_side)
+    plan = plan_program(program, load_machine(machine), parameters, tolerance_mm, transitions)
     document = report_document(plan, parameters.method)
     try:
         if setpoints is not None:

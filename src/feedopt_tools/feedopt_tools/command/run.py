@@ -17,6 +17,7 @@ from feedopt_tools.command.options import (
     planner_parameters,
     run_directory,
     tolerance_option,
+    transition_options,
 )
 from feedopt_tools.command.run_display import RunDisplay
 from feedopt_tools.execute.client import ProgramRequest
@@ -28,9 +29,22 @@ from feedopt_tools.execute.execution import Execution, RunOptions, execute_progr
 @machine_option
 @method_option
 @tolerance_option
+@transition_options
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for bag and logs; it must not exist yet.")
+@click.option("--stream", is_flag=True, help="Send PROGRAM line by line on /program_lines instead of its path.")
 @click.option("--no-sim", is_flag=True, help="Without the simulated router: the interpolator ends the program.")
-def command(program: Path, machine: str, method: str, tolerance_mm: float, out: Path | None, no_sim: bool) -> None:
+def command(
+    program: Path,
+    machine: str,
+    method: str,
+    tolerance_mm: float,
+    transition_reach_mm: float,
+    transition_side: str,
+    *,
+    out: Path | None,
+    stream: bool,
+    no_sim: bool,
+) -> None:
     """Execute PROGRAM on the graph, in real time, and record it.
 
     Ctrl-C stops the motion on the path and ends the run; a second one ends the nodes at once.
@@ -38,9 +52,17 @@ def command(program: Path, machine: str, method: str, tolerance_mm: float, out: 
     # What can be seen now is not left to a graph that takes seconds to start.
     planner_parameters(method)
     open_program(program)
+    request = ProgramRequest(
+        program.name,
+        path=program,
+        tolerance_mm=tolerance_mm,
+        streamed=stream,
+        transition_reach_mm=transition_reach_mm,
+        transition_side=transition_side,
+    )
     console = Console()
     options = RunOptions(
-        request=ProgramRequest(program.name, path=program, tolerance_mm=tolerance_mm),
+        request=request,
         machine=machine,
         directory=run_directory(out, program.name),
         method=method,

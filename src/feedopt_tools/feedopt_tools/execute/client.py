@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,25 +14,42 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from feedopt_msgs.action import ExecuteProgram
-from feedopt_msgs.msg import NodeStatus
+from feedopt_msgs.msg import NodeStatus, ProgramLines
 from feedopt_node.graph import load_graph
 from feedopt_node.qos import qos_profile
 from feedopt_node.status import READY_STATES, STATUS_TOPIC
 from feedopt_tools.execute.errors import GoalRefusedError, GraphNotReadyError
+from feedopt_tools.execute.line_sender import LineSender
 
 ACTION = "/execute_program"
+LINES_TOPIC = "/program_lines"
 READY_PATIENCE_S = 60.0
 _SPIN_S = 0.05
 
 
 @dataclass(frozen=True)
 class ProgramRequest:
-    """One program to execute: a file, or its text with a name; tolerance 0: as in config/nodes/toolpath.yaml."""
+    """One program to execute: a file, or its text with a name; tolerance 0: as in config/nodes/toolpath.yaml.
+
+    ``streamed``: the toolpath node gets the lines of the file one after the other instead of its path.
+    ``transition_reach_mm``, ``transition_side``: see :meth:`feedopt_core.smoothing.layers.LayerTransitions.wished`.
+    """
 
     name: str
     path: Path | None = None
     text: str = ""
     tolerance_mm: float = 0.0
+    streamed: bool = False
+    transition_reach_mm: float = 0.0
+    transition_side: str = ""
+
+    def lines(self) -> Iterator[str]:
+        """The program's lines, read as they are asked for. Raises OSError."""
+        if self.path is None:
+            yield from self.text.splitlines()
+        else:
+            with self.path.open(encoding="utf-8", errors="replace") as file:
+                yield from (line.rstrip("\r\n") for line in file)
 
 
 @dataclass
@@ -89,8 +106,11 @@ class GraphClient:
         self._node = rclpy.create_node("feedopt_command", enable_rosout=False, start_parameter_services=False)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
-        qos = qos_profile(load_graph().topics[STATUS_TOPIC].qos)
+        self._topics = load_graph().topics
+        qos = qos_profile(self._topics[STATUS_TOPIC].qos)
         self._node.create_subscription(NodeStatus, STATUS_TOPIC, self._take_status, qos)
+        self._lines: Any = None
+        self._sender: LineSender | None = None
         self._action = ActionClient(self._node, ExecuteProgram, ACTION)
         self._goal: Any = None
         self._progress = Progress()
@@ -123,13 +143,18 @@ class GraphClient:
 
         Raises:
             GoalRefusedError: the toolpath node is busy or not ready.
+            GraphNotReadyError: a streamed program finds no reader.
         """
         goal = ExecuteProgram.Goal(
             tolerance_mm=request.tolerance_mm,
-            path=str(request.path.absolute()) if request.path else "",
-            text=request.text,
+            path=str(request.path.absolute()) if request.path and not request.streamed else "",
+            text="" if request.streamed else request.text,
             name=request.name,
+            streamed=request.streamed,
+            transition_reach_mm=request.transition_reach_mm,
+            transition_side=request.transition_side,
         )
+        self._sender = self._line_sender(request) if request.streamed else None
         self._goal, self._progress = None, Progress()
         accepted = self._action.send_goal_async(goal, feedback_callback=self._take_feedback)
         while not accepted.done():
@@ -142,6 +167,7 @@ class GraphClient:
         """Wait for the end of the program that is being executed; ``on_progress`` is called all the time."""
         answer = self._goal.get_result_async()
         while not answer.done():
+            self._send_lines()
             self._spin()
             on_progress(self._progress)
         result = answer.result().result
@@ -159,6 +185,32 @@ class GraphClient:
     def cancel(self) -> None:
         """Ask for a stop on the path."""
         self._goal.cancel_goal_async()
+
+    def _line_sender(self, request: ProgramRequest) -> LineSender:
+        """Publisher of the program's lines, once everyone listens: what is published before is lost."""
+        topic = self._topics[LINES_TOPIC]
+        if self._lines is None:
+            self._lines = self._node.create_publisher(ProgramLines, LINES_TOPIC, qos_profile(topic.qos))
+        expected = sum(name in self.nodes for name in topic.subscribers)
+        until_s = time.monotonic() + READY_PATIENCE_S
+        while self._lines.get_subscription_count() < expected:
+            self._spin()
+            if time.monotonic() > until_s:
+                raise GraphNotReadyError(f"{LINES_TOPIC} found no reader within {READY_PATIENCE_S:g} s")
+
+        def publish(sequence: int, lines: list[str], last: bool) -> None:
+            stamp = self._node.get_clock().now().to_msg()
+            self._lines.publish(ProgramLines(stamp=stamp, sequence=sequence, lines=lines, last=last))
+
+        return LineSender(request.lines(), publish)
+
+    def _send_lines(self) -> None:
+        if self._sender is not None:
+            status = self.statuses.get("toolpath")
+            taken = 0
+            if status is not None and status.state == NodeStatus.RUNNING:
+                taken = int(status.last_input_sequence)
+            self._sender.send(taken)
 
     def _ready(self, name: str) -> bool:
         status = self.statuses.get(name)

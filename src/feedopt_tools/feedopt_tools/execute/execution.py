@@ -13,7 +13,7 @@ from types import FrameType
 from feedopt_core.config.machine import load_machine, machine_path
 from feedopt_core.errors import FeedoptError
 from feedopt_node.errors import SecondGraphError
-from feedopt_node.graph import Graph, ParameterValue, load_graph
+from feedopt_node.graph import ParameterValue, load_graph
 from feedopt_node.run import EXIT_SECOND_GRAPH
 from feedopt_tools.execute.client import GraphClient, ProgramOutcome, ProgramRequest, Progress
 from feedopt_tools.execute.domain_lock import DomainLock, domain_id
@@ -98,20 +98,26 @@ def execute_program(options: RunOptions, events: RunEvents) -> Execution:
         graph = load_graph()
         present = graph.chosen_nodes(sim=options.sim)
         provenance = options.directory / "provenance.json"
+        machine_file = str(machine_path(options.machine).absolute())
+        nodes = graph.processes(present, machine_file, _extra(options, provenance))
         write_provenance(
             provenance,
             collect_provenance(
                 machine_yaml=machine.yaml_text,
-                parameters=_parameter_texts(graph, present),
+                # As they were asked for: where files stand on this computer tells nothing on another.
+                parameters={
+                    node.name: node.parameters_yaml()
+                    for node in graph.processes(present, options.machine, _chosen(options))
+                },
                 program_name=options.request.name,
                 program_text=_program_text(options.request),
+                tolerance_mm=options.request.tolerance_mm,
+                transition_reach_mm=options.request.transition_reach_mm,
+                transition_side=options.request.transition_side,
                 method=options.method,
             ),
         )
-        processes = GraphProcesses(
-            graph.processes(present, str(machine_path(options.machine).absolute()), _extra(options, provenance)),
-            options.directory / LOGS_NAME,
-        )
+        processes = GraphProcesses(nodes, options.directory / LOGS_NAME)
         execution = Execution(bag=options.directory / BAG_NAME)
         with _sigterm_as_interrupt():
             _run(execution, options, processes, present, events)
@@ -163,21 +169,17 @@ def _execute(client: GraphClient, request: ProgramRequest, execution: Execution,
         return client.follow(events.progress)
 
 
+def _chosen(options: RunOptions) -> dict[str, dict[str, ParameterValue]]:
+    """Parameters that the caller chose."""
+    return {"planner": {"method": options.method}} if options.method else {}
+
+
 def _extra(options: RunOptions, provenance: Path) -> dict[str, dict[str, ParameterValue]]:
-    extra: dict[str, dict[str, ParameterValue]] = {
-        "recorder": {
-            "bag_directory": str((options.directory / BAG_NAME).absolute()),
-            "provenance_file": str(provenance.absolute()),
-        }
+    recorder: dict[str, ParameterValue] = {
+        "bag_directory": str((options.directory / BAG_NAME).absolute()),
+        "provenance_file": str(provenance.absolute()),
     }
-    if options.method:
-        extra["planner"] = {"method": options.method}
-    return extra
-
-
-def _parameter_texts(graph: Graph, present: Sequence[str]) -> dict[str, str]:
-    processes = graph.processes(present, "")
-    return {node.name: node.parameter_file.read_text(encoding="utf-8") for node in processes}
+    return {"recorder": recorder, **_chosen(options)}
 
 
 def _program_text(request: ProgramRequest) -> str:
