@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 import yaml
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from feedopt_node.graph import load_graph
-from feedopt_tools.recorder.bag_writer import BagWriter
+from feedopt_tools.recorder.bag_writer import BagWriter, Received
 from feedopt_tools.recorder.message_schemas import MessageSchemas
 
 SOURCE = Path(__file__).resolve().parents[2]
@@ -55,6 +56,10 @@ class Message:
     topic: str
     payload: bytes
     time_ns: int
+
+    def received(self) -> Received:
+        """As the recorder takes it, 0.15 ms after it was sent."""
+        return Received(self.time_ns, self.time_ns - 150_000, self.topic, self.payload, 0)
 
 
 def typestore() -> Typestore:
@@ -132,7 +137,7 @@ def write_run(
     for message in messages(duration_s):
         index = seen[message.topic] = seen.get(message.topic, -1) + 1
         if (message.topic, index) not in drop:
-            writer.write(message.topic, message.payload, log_ns=message.time_ns, publish_ns=message.time_ns - 150_000)
+            writer.write([message.received()])
     writer.close()
     return directory
 
@@ -144,6 +149,18 @@ def _derivative(position: np.ndarray, order: int) -> np.ndarray:
     return values
 
 
+def _blank_fields(store: Typestore, type_name: str) -> dict[str, Any]:
+    """What a publisher leaves as it is: zeros and empty sequences."""
+    blanks: dict[str, Any] = {}
+    for name, (node, detail) in store.get_msgdef(type_name).fields:
+        if node == Nodetype.BASE:
+            blanks[name] = {"string": "", "bool": False}.get(detail[0], 0)
+        elif node == Nodetype.SEQUENCE:
+            element = detail[0][1][0]
+            blanks[name] = [] if element == "string" else np.zeros(0, element)
+    return blanks
+
+
 class _Serialiser:
     def __init__(self, store: Typestore, motion: Motion) -> None:
         self.store = store
@@ -152,7 +169,8 @@ class _Serialiser:
     def message(self, topic: str, name: str, time_ns: int, /, **values: Any) -> Message:
         time = self.store.types["builtin_interfaces/msg/Time"](sec=time_ns // 10**9, nanosec=time_ns % 10**9)
         type_name = f"feedopt_msgs/msg/{name}"
-        message = self.store.types[type_name](stamp=time, **values)
+        fields = {"stamp": time, **_blank_fields(self.store, type_name), **values}
+        message = self.store.types[type_name](**fields)
         return Message(topic, bytes(self.store.serialize_cdr(message, type_name)), time_ns)
 
     def machine(self) -> Message:
@@ -165,7 +183,7 @@ class _Serialiser:
             name="test_router",
             yaml=MACHINE_YAML,
             axis_names=["X", "Y"],
-            coordinate=np.array([0, 1], np.uint8),
+            axis_map=np.eye(2).ravel(),
             **{**rows, "feed_limit_mm_s": 150.0},
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import tempfile
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from feedopt_tools.bags.errors import (
 from feedopt_tools.bags.messages import read_messages
 from feedopt_tools.bags.read_bag import read_bag
 from feedopt_tools.bags.repair import repair_bag
-from feedopt_tools.recorder.bag_writer import BagWriter
+from feedopt_tools.recorder.bag_writer import BagWriter, Received
 
 DURATION_S = 0.6
 
@@ -95,7 +95,7 @@ def test_each_program_is_read_on_its_own(tmp_path: Path) -> None:
             if message.topic in ("/axis_setpoint", "/axis_state", "/toolpath", "/feed_profile"):
                 payload[12:16] = struct.pack("<I", program_id)
             time_ns = message.time_ns + program_id * 10**10
-            writer.write(message.topic, bytes(payload), log_ns=time_ns, publish_ns=time_ns)
+            writer.write([Received(time_ns, time_ns, message.topic, bytes(payload), 0)])
     writer.close()
     last, first = read_bag(tmp_path / "run"), read_bag(tmp_path / "run", 1)
     assert (last.program_id, first.program_id) == (2, 1)
@@ -138,7 +138,7 @@ def test_foreign_bags(tmp_path: Path) -> None:
         read_bag(json_bag)
     other = (Topic("/chatter", "builtin_interfaces/msg/Time", (), (), Qos("any", "reliable", "volatile", 1)),)
     writer = BagWriter(tmp_path / "chat", other, schemas(tmp_path / "share"))
-    writer.write("/chatter", bytes([0, 1, 0, 0]) + bytes(8), log_ns=1, publish_ns=1)
+    writer.write([Received(1, 1, "/chatter", bytes([0, 1, 0, 0]) + bytes(8), 0)])
     writer.close()
     with pytest.raises(BagForeignError, match="none of the topics"):
         read_bag(tmp_path / "chat")
@@ -147,7 +147,7 @@ def test_foreign_bags(tmp_path: Path) -> None:
 def test_topic_of_another_type_is_foreign(tmp_path: Path) -> None:
     other = (Topic("/axis_state", "builtin_interfaces/msg/Time", (), (), Qos("any", "reliable", "volatile", 1)),)
     writer = BagWriter(tmp_path / "old", other, schemas(tmp_path / "share"))
-    writer.write("/axis_state", bytes([0, 1, 0, 0]) + bytes(8), log_ns=1, publish_ns=1)
+    writer.write([Received(1, 1, "/axis_state", bytes([0, 1, 0, 0]) + bytes(8), 0)])
     writer.close()
     with pytest.raises(BagForeignError, match=r"/axis_state is builtin_interfaces/msg/Time"):
         read_bag(tmp_path / "old")
@@ -159,7 +159,7 @@ def test_cut_off_bag_is_named_and_can_be_mended(bag: Path, tmp_path: Path, part:
     cut = tmp_path / "cut"
     cut.mkdir()
     (cut / "cut_0.mcap").write_bytes(whole[: int(part * len(whole))])
-    with pytest.raises(BagTruncatedError, match=r"python -m feedopt_tools\.bags\.repair"):
+    with pytest.raises(BagTruncatedError, match=r"feedopt bag recover"):
         read_bag(cut)
     count = sum(topic.message_count for topic in repair_bag(cut).topics)
     if count == 0:
@@ -185,7 +185,7 @@ def test_number_of_axes_must_not_change(tmp_path: Path) -> None:
         # The 50th set point is one number longer.
         longer = message.topic == "/axis_setpoint" and writer.counts["/axis_setpoint"] == 49
         payload = message.payload + bytes(8 * longer)
-        writer.write(message.topic, payload, log_ns=message.time_ns, publish_ns=message.time_ns)
+        writer.write([replace(message, payload=payload).received()])
     writer.close()
     with pytest.raises(BagForeignError, match=r"/axis_setpoint: messages of 2 different sizes"):
         read_bag(tmp_path / "run")

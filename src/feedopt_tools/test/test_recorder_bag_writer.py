@@ -20,7 +20,7 @@ from feedopt_core.errors import ConfigError
 from feedopt_tools.bags.errors import BagWriteError
 from feedopt_tools.bags.repair import repair_bag
 from feedopt_tools.recorder import bag_writer
-from feedopt_tools.recorder.bag_writer import BagWriter
+from feedopt_tools.recorder.bag_writer import BagWriter, Received
 
 DURATION_S = 0.5
 
@@ -54,8 +54,8 @@ def test_an_independent_reader_finds_every_byte(tmp_path: Path) -> None:
 def test_publish_times_of_several_publishers_run_forward(tmp_path: Path) -> None:
     first, second = [message for message in messages(DURATION_S) if message.topic == "/axis_state"][:2]
     writer = BagWriter(tmp_path / "run", TOPICS, schemas(tmp_path / "share"))
-    writer.write("/axis_state", first.payload, log_ns=2_000, publish_ns=1_500)
-    writer.write("/axis_state", second.payload, log_ns=2_001, publish_ns=1_400)
+    writer.write([Received(2_000, 1_500, "/axis_state", first.payload, 0)])
+    writer.write([Received(2_001, 1_400, "/axis_state", second.payload, 0)])
     writer.close()
     with writer.path.open("rb") as stream:
         times = [(message.log_time, message.publish_time) for _, _, message in make_reader(stream).iter_messages()]
@@ -110,7 +110,7 @@ writer = BagWriter(Path({bag!r}), TOPICS, schemas(Path({share!r})), clock_s=lamb
 for count, message in enumerate(messages(0.5)):
     if count == {kill_at}:
         os.kill(os.getpid(), signal.SIGKILL)
-    writer.write(message.topic, message.payload, log_ns=message.time_ns, publish_ns=message.time_ns)
+    writer.write([message.received()])
     if count == {flush_at}:
         clock[0] += 0.5
     writer.flush_if_due()
@@ -171,7 +171,7 @@ class FullDisk(bag_writer._UnbufferedFile):
 
 def write_all(writer: BagWriter, written: list[tuple[str, bytes]]) -> None:
     for message in messages(DURATION_S):
-        writer.write(message.topic, message.payload, log_ns=message.time_ns, publish_ns=message.time_ns)
+        writer.write([message.received()])
         written.append((message.topic, message.payload))
         writer.flush_if_due()
 
@@ -215,7 +215,7 @@ def test_flush_interval_bounds_what_is_held_back(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / "run", TOPICS, schemas(tmp_path / "share"), clock_s=lambda: now[0])
     size = writer.path.stat().st_size
     first = next(iter(messages(DURATION_S)))
-    writer.write(first.topic, first.payload, log_ns=1, publish_ns=1)
+    writer.write([first.received()])
     now[0] = 0.49
     writer.flush_if_due()
     assert writer.path.stat().st_size == size

@@ -102,3 +102,18 @@ def test_summary_is_complete_only_without_loss_and_failure() -> None:
     assert summary(broken).as_document()["gaps"] == (
         {"topic": "/axis_setpoint", "program_id": 1, "first": 1, "last": 1},
     )
+
+
+def test_gap_of_a_topic_without_identity_is_seen_in_the_numbers_of_the_middleware() -> None:
+    watch = SequenceWatch("/joint_states", identified=False, numbered=True)
+    for number in (1, 2, 5, 6):
+        watch.add(b"\0\1\0\0", number)
+    assert watch.gaps == [Gap("/joint_states", 0, 3, 4)]
+    assert (watch.count.messages, watch.count.missing) == (4, 2)
+
+
+def test_numbers_of_several_publishers_tell_nothing() -> None:
+    watch = SequenceWatch("/status", identified=False)
+    for number in (1, 1, 7, 2):
+        watch.add(b"\0\1\0\0", number)
+    assert watch.gaps == []

@@ -27,3 +27,7 @@ class BagForeignError(BagError):
 
 class BagWriteError(BagError):
     """The bag cannot be created or written any further; what could be saved was saved."""
+
+
+class BagDefinitionError(BagForeignError):
+    """A message of the bag has another definition than in this version, and no rule leads from one to the other."""

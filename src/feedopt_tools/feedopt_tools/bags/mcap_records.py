@@ -28,7 +28,7 @@ MAGIC = b"\x89MCAP0\r\n"
 _FRAME = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _LENGTH = struct.Struct("<Q")
-_MESSAGE_HEAD = np.dtype(
+MESSAGE_HEAD = np.dtype(
     [
         ("opcode", "u1"),
         ("length", "<u8"),
@@ -38,7 +38,7 @@ _MESSAGE_HEAD = np.dtype(
         ("publish_ns", "<i8"),
     ]
 )
-_HEAD_IN_LENGTH = _MESSAGE_HEAD.itemsize - _FRAME.size
+_HEAD_IN_LENGTH = MESSAGE_HEAD.itemsize - _FRAME.size
 
 
 @dataclass(frozen=True)
@@ -180,13 +180,13 @@ def walk_chunk(content: bytes) -> ChunkRecords:
 def _messages(content: bytes, starts: IntArray) -> ChunkMessages:
     if not len(starts):
         return ChunkMessages(*(np.empty(0, dtype=np.int64) for _ in range(5)))
-    windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(content, dtype=np.uint8), _MESSAGE_HEAD.itemsize)
-    heads = windows[starts].view(_MESSAGE_HEAD)[:, 0]
+    windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(content, dtype=np.uint8), MESSAGE_HEAD.itemsize)
+    heads = windows[starts].view(MESSAGE_HEAD)[:, 0]
     return ChunkMessages(
         channel=heads["channel"].astype(np.int64),
         log_ns=heads["log_ns"],
         publish_ns=heads["publish_ns"],
-        offset=starts + _MESSAGE_HEAD.itemsize,
+        offset=starts + MESSAGE_HEAD.itemsize,
         length=heads["length"].astype(np.int64) - _HEAD_IN_LENGTH,
     )
 

@@ -22,6 +22,9 @@ from feedopt_tools.bags.errors import BagEmptyError, BagForeignError, BagMissing
 from feedopt_tools.bags.mcap_records import McapFile, walk_chunk
 from feedopt_tools.bags.metadata_yaml import FILE_NAME
 
+RUN_BAG_NAME = "recording"
+"""Folder of the bag in the folder of a run."""
+
 
 @dataclass
 class TopicMessages:
@@ -125,7 +128,7 @@ def read_messages(path: Path, topics: Sequence[str] | None = None, *, allow_trun
         if not complete and not allow_truncated:
             raise BagTruncatedError(
                 f"{file_path}: the file ends without its footer: the recorder was killed; "
-                f"mend it with: python -m feedopt_tools.bags.repair {path}"
+                f"mend it with: feedopt bag recover {path}"
             )
         metadata.update(collected.metadata)
         _merge(topic_messages, _topics(collected, file_path, topics))
@@ -135,9 +138,18 @@ def read_messages(path: Path, topics: Sequence[str] | None = None, *, allow_trun
 
 
 def bag_files(path: Path) -> list[Path]:
-    """The MCAP files of a bag, in order. Raises BagMissingError."""
+    """The MCAP files of a bag, in order.
+
+    Args:
+        path: the bag's folder, the folder of a run that has one, or one MCAP file.
+
+    Raises:
+        BagMissingError, BagForeignError: nothing there, or no MCAP.
+    """
     if path.is_file():
         return [path]
+    if not (path / FILE_NAME).is_file() and (path / RUN_BAG_NAME).is_dir():
+        path = path / RUN_BAG_NAME
     if not path.is_dir():
         raise BagMissingError(f"{path}: no such bag")
     listed: list[str] = []

@@ -112,6 +112,63 @@ def write_metadata(directory: Path, bag: BagEntry) -> None:
     temporary.replace(path)
 
 
+_KINDS: Mapping[str, type] = {
+    "version": int,
+    "storage_identifier": str,
+    "duration": dict,
+    "starting_time": dict,
+    "message_count": int,
+    "topics_with_message_count": list,
+    "compression_format": str,
+    "compression_mode": str,
+    "relative_file_paths": list,
+    "files": list,
+    "custom_data": dict,
+    "ros_distro": str,
+}
+
+
+def metadata_findings(directory: Path, counts: Mapping[str, int]) -> list[str]:
+    """What is wrong with the ``metadata.yaml`` of a bag, field by field; empty: nothing.
+
+    Args:
+        directory: the bag's folder.
+        counts: messages of every topic, as the file itself holds them.
+    """
+    path = directory / FILE_NAME
+    try:
+        information = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        recorded = {
+            entry["topic_metadata"]["name"]: entry["message_count"]
+            for entry in information["topics_with_message_count"]
+        }
+        hashes = [
+            entry["topic_metadata"]["type_description_hash"] for entry in information["topics_with_message_count"]
+        ]
+    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        return [f"{path}: is not the metadata of a rosbag2 bag: {error!r}"]
+    found = [
+        f"{path}: {name} is missing or not of type {kind.__name__}"
+        for name, kind in _KINDS.items()
+        if not isinstance(information.get(name), kind)
+    ]
+    if information.get("version") != VERSION:
+        found.append(f"{path}: version is {information.get('version')}, not {VERSION}")
+    found += [
+        f"{path}: {name} has {recorded.get(name, 'no')} messages, the file {counts.get(name, 'no')}"
+        for name in sorted(recorded.keys() | counts.keys())
+        if recorded.get(name) != counts.get(name)
+    ]
+    found += [
+        f"{path}: names the file {name}, which is not there"
+        for name in information.get("relative_file_paths") or ()
+        if not (directory / name).is_file()
+    ]
+    if not all(str(text).startswith("RIHS01_") for text in hashes):
+        found.append(f"{path}: not every topic has its type hash")
+    return found
+
+
 def package_version() -> str:
     """Version of the installed tools; ``source`` where they run from the source tree."""
     for name in ("feedopt-tools", "feedopt_tools"):

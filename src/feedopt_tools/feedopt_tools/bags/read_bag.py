@@ -13,6 +13,7 @@ from feedopt_tools.bags.conversions import (
     states_from_topic,
     status_from_message,
 )
+from feedopt_tools.bags.definitions import migrated, migration
 from feedopt_tools.bags.errors import BagEmptyError, BagForeignError
 from feedopt_tools.bags.messages import BagContents, read_messages
 from feedopt_tools.bags.run_data import RunData, SampleArrays, SetpointArrays, StateArrays
@@ -40,6 +41,7 @@ def read_bag(path: Path, program_id: int | None = None, *, allow_truncated: bool
 
     Raises:
         BagMissingError, BagEmptyError, BagForeignError, BagTruncatedError: see :mod:`feedopt_tools.bags.errors`.
+        BagDefinitionError: its messages are not those of this version.
         ToolpathError, SolverError: a segment or a chunk that is none.
     """
     contents = read_messages(path, tuple(_TYPES), allow_truncated=allow_truncated)
@@ -83,17 +85,13 @@ def _samples(contents: BagContents, name: str, convert: Any, none: Any) -> Any:
     topic = contents.topics.get(name)
     if topic is None or not len(topic):
         return none()
-    try:
-        return convert(topic)
-    except TypeError as error:
-        raise BagForeignError(
-            f"{contents.path}: {name} has other fields than this version of feedopt: {error}"
-        ) from error
+    migration(topic.definitions, topic.type_name)
+    return convert(topic)
 
 
 def _objects(contents: BagContents, name: str) -> list[Any]:
     topic = contents.topics.get(name)
-    return topic.objects() if topic is not None else []
+    return [] if topic is None else list(migrated(topic.definitions, topic.type_name, topic.objects()))
 
 
 def _statuses(contents: BagContents) -> tuple[Any, ...]:

@@ -6,13 +6,12 @@ import os
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, NamedTuple
 
 import yaml
-from mcap.writer import CompressionType, Writer
 
 from feedopt_node.graph import Topic
 from feedopt_tools.bags.errors import BagError, BagWriteError
@@ -25,11 +24,28 @@ from feedopt_tools.bags.metadata_yaml import (
     write_metadata,
 )
 from feedopt_tools.bags.repair import repair_bag
+from feedopt_tools.recorder.mcap_writer import McapWriter
 from feedopt_tools.recorder.message_schemas import MessageSchemas
 
-CHUNK_BYTES = 256 * 1024
 # Room for the index and metadata.yaml of an hour's recording, given back when the disk is full.
 RESERVE_BYTES = 2 * 1024 * 1024
+
+
+class Received(NamedTuple):
+    """One message as the middleware handed it over; sorts by the time it was received.
+
+    Attributes:
+        log_ns, publish_ns: when it was received and sent, ns since the epoch.
+        topic: one of the topics of the bag.
+        payload: the CDR bytes as received, with their 4-byte header.
+        publisher_sequence: number the middleware gave it.
+    """
+
+    log_ns: int
+    publish_ns: int
+    topic: str
+    payload: bytes
+    publisher_sequence: int
 
 
 class BagWriter:
@@ -70,50 +86,37 @@ class BagWriter:
         self._closed = False
         definitions = {topic.type: schemas.schema(topic.type) for topic in topics}
         self._reserve, self._stream = self._create()
-        stream: Any = self._stream
-        self._writer: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         try:
-            self._writer.start(profile="ros2", library=f"feedopt_tools {package_version()}")
+            self._writer = McapWriter(self._stream, f"feedopt_tools {package_version()}")
             for name, values in (provenance or {}).items():
                 self._writer.add_metadata(name, dict(values))
-            schema_ids = {
-                type_name: self._writer.register_schema(type_name, "ros2msg", text.encode())
-                for type_name, text in definitions.items()
-            }
-            self._entries = {topic.name: _entry(topic, schemas) for topic in topics}
-            self._channels = {topic.name: self._register(topic, schema_ids) for topic in topics}
-            self._stream.flush()
         except OSError as error:
             raise self._fail(error) from error
+        schema_ids = {name: self._writer.add_schema(name, text) for name, text in definitions.items()}
+        self._entries = {topic.name: _entry(topic, schemas) for topic in topics}
+        self._channels = {topic.name: self._register(topic, schema_ids) for topic in topics}
         self._next_flush_s = clock_s() + flush_interval_s
 
-    def write(self, topic: str, payload: bytes, *, log_ns: int, publish_ns: int, publisher_sequence: int = 0) -> None:
-        """Add one message.
-
-        Args:
-            topic: one of the topics given at the start.
-            payload: the CDR bytes as received, with their 4-byte header.
-            log_ns: when it was received, ns since the epoch.
-            publish_ns: when it was sent, ns since the epoch; written as no earlier than that of the message before.
-            publisher_sequence: number the middleware gave it.
+    def write(self, messages: Iterable[Received]) -> None:
+        """Add messages, in order of their log times; publish times are written as no earlier than those before.
 
         Raises:
             BagWriteError: disk full or folder gone; the file was closed with everything up to the last whole chunk.
         """
         self._check_open()
-        # Several publishers of one topic are heard in another order than they spoke; viewers need both time lines to
-        # run forward. The stamps inside the messages stay as they are.
-        publish_ns = self._published_ns[topic] = max(publish_ns, self._published_ns[topic])
+        add, channels, published_ns, counts = self._writer.add_message, self._channels, self._published_ns, self.counts
+        log_ns = self._end_ns
         try:
-            self._writer.add_message(
-                self._channels[topic], log_ns, payload, publish_ns, publisher_sequence & 0xFFFFFFFF
-            )
+            for log_ns, sent_ns, topic, payload, number in messages:
+                # Several publishers of one topic are heard in another order than they spoke; viewers need both time
+                # lines to run forward. The stamps inside the messages stay as they are.
+                publish_ns = published_ns[topic] = max(sent_ns, published_ns[topic])
+                self._start_ns = self._start_ns or log_ns
+                counts[topic] += 1
+                add(channels[topic], payload, log_ns, publish_ns, number & 0xFFFFFFFF)
         except OSError as error:
             raise self._fail(error) from error
-        if not self._start_ns or log_ns < self._start_ns:
-            self._start_ns = log_ns
         self._end_ns = max(self._end_ns, log_ns)
-        self.counts[topic] += 1
 
     def flush_if_due(self) -> None:
         """Close the chunk in progress when the flush interval is over. Raises BagWriteError."""
@@ -123,7 +126,7 @@ class BagWriter:
         self._next_flush_s = now_s + self._flush_interval_s
         self._check_open()
         try:
-            self._writer.flush()
+            self._writer.close_chunk()
         except OSError as error:
             raise self._fail(error) from error
 
@@ -139,13 +142,12 @@ class BagWriter:
         self._check_open()
         bag = BagEntry(self.path.name, self._start_ns, self._end_ns, self._topic_entries())
         try:
-            self._writer.flush()
+            self._writer.close_chunk()
             for name, values in (closing_metadata or {}).items():
                 self._writer.add_metadata(name, dict(values))
             information = yaml.safe_dump(bag_information(bag), sort_keys=False)
             self._writer.add_metadata("rosbag2", {"serialized_metadata": information})
             self._writer.finish()
-            self._stream.flush()
             os.fsync(self._stream.fileno())
             self._stream.close()
             self._reserve.close()
@@ -172,8 +174,7 @@ class BagWriter:
     def _register(self, topic: Topic, schema_ids: Mapping[str, int]) -> int:
         entry = self._entries[topic.name]
         metadata = {"offered_qos_profiles": entry.offered_qos_profiles, "topic_type_hash": entry.type_hash}
-        channel_id: int = self._writer.register_channel(topic.name, "cdr", schema_ids[topic.type], metadata)
-        return channel_id
+        return self._writer.add_channel(topic.name, schema_ids[topic.type], metadata)
 
     def _topic_entries(self) -> tuple[TopicEntry, ...]:
         return tuple(
@@ -220,9 +221,6 @@ class _UnbufferedFile:
 
     def tell(self) -> int:
         return self._file.tell()
-
-    def flush(self) -> None:
-        """Nothing is held back here: what was written is with the operating system."""
 
     def fileno(self) -> int:
         return self._file.fileno()

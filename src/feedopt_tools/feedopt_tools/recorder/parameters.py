@@ -20,10 +20,10 @@ class RecorderParameters(GraphParameters):
     provenance_file: str = parameter(
         "JSON file with the records that say where the run comes from; empty: none.", default=""
     )
-    poll_interval_s: float = parameter("How often the topics are drained.", default=0.01, unit="s", range=(0.001, 0.1))
+    poll_interval_s: float = parameter("How often the topics are drained.", default=0.02, unit="s", range=(0.001, 0.1))
     flush_interval_s: float = parameter(
         "What a crash may lose at most: a chunk is written at the latest after this time.",
-        default=0.5,
+        default=0.4,
         unit="s",
         range=(0.05, 10.0),
     )

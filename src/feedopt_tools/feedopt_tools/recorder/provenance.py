@@ -13,30 +13,43 @@ from pathlib import Path
 from feedopt_core.errors import ConfigError
 from feedopt_tools.bags.metadata_yaml import package_version
 
-_PACKAGES = ("numpy", "scipy", "mcap", "ros-jazzy-rclpy")
+_PACKAGES = ("numpy", "scipy", "numba", "mcap", "zstandard", "ros-jazzy-rclpy")
 
 Provenance = dict[str, dict[str, str]]
 
 
 def collect_provenance(
-    *, machine_yaml: str, parameters: Mapping[str, str], program_name: str, program_text: str, method: str = ""
+    *,
+    machine_yaml: str,
+    parameters: Mapping[str, str],
+    program_name: str,
+    program_text: str,
+    tolerance_mm: float = 0.0,
+    transition_reach_mm: float = 0.0,
+    transition_side: str = "",
+    method: str = "",
 ) -> Provenance:
     """Records of one run, by name.
 
     Args:
         machine_yaml: the machine file as loaded.
-        parameters: YAML text of the parameters, by node name.
+        parameters: parameter file of each node with what the command line changed, as YAML text by node name.
         program_name: what the program is called.
         program_text: the program itself.
+        tolerance_mm: smoothing tolerance that was asked for; 0: the toolpath node's parameter decides.
+        transition_reach_mm, transition_side: layer transitions that were asked for; 0: none.
         method: planning method, empty where the node's parameter decides.
     """
     return {
-        "feedopt/versions": _versions(),
+        "feedopt/versions": versions(),
         "feedopt/machine": {"yaml": machine_yaml},
         "feedopt/parameters": dict(parameters),
         "feedopt/program": {
             "name": program_name,
             "sha256": hashlib.sha256(program_text.encode()).hexdigest(),
+            "tolerance_mm": repr(float(tolerance_mm)),
+            "transition_reach_mm": repr(float(transition_reach_mm)),
+            "transition_side": transition_side,
             "method": method,
             "text": program_text,
         },
@@ -63,8 +76,9 @@ def read_provenance(path: Path) -> Provenance:
     return {str(name): {str(key): str(value) for key, value in values.items()} for name, values in document.items()}
 
 
-def _versions() -> dict[str, str]:
-    versions = {
+def versions() -> dict[str, str]:
+    """Versions of feedopt, its source, the system and the packages that results depend on."""
+    found = {
         "feedopt": package_version(),
         "commit": _commit(),
         "python": platform.python_version(),
@@ -72,10 +86,10 @@ def _versions() -> dict[str, str]:
     }
     for package in _PACKAGES:
         try:
-            versions[package] = version(package)
+            found[package] = version(package)
         except PackageNotFoundError:
             continue
-    return versions
+    return found
 
 
 def _commit() -> str:

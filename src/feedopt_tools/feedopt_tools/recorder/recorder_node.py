@@ -1,7 +1,8 @@
 """Records every topic of the graph, raw, until it is told to stop.
 
 The subscriptions are drained by polling, in a thread of their own: at 1 kHz on several topics, waking the executor for
-every message costs a third of a core, a timer of the executor every 10 ms a fifth, the thread a few hundredths.
+every message costs a third of a core, a timer of the executor every 10 ms a fifth, the thread a few hundredths. The
+status of the node itself is done there too, so that the executor has nothing to wake up for.
 """
 
 from __future__ import annotations
@@ -21,15 +22,17 @@ from feedopt_node.graph_node import GraphNode
 from feedopt_node.polling import PolledGroup, PollingThread
 from feedopt_node.run import EXIT_FAILURE, EXIT_OK, run_node
 from feedopt_tools.bags.errors import BagWriteError
-from feedopt_tools.recorder.bag_writer import BagWriter
+from feedopt_tools.recorder.bag_writer import BagWriter, Received
 from feedopt_tools.recorder.message_schemas import MessageSchemas, ament_share_directories
 from feedopt_tools.recorder.parameters import RecorderParameters
-from feedopt_tools.recorder.provenance import read_provenance
+from feedopt_tools.recorder.provenance import read_provenance, versions
 from feedopt_tools.recorder.sequence_watch import RecorderSummary, SequenceWatch, has_identity
 
 NODE_NAME = "recorder"
 SUMMARY_NAME = "recorder_summary.json"
 _GAPS_PRINTED = 5
+# What comes while the disk or another process holds the recorder up waits here: topics for display keep ten alone.
+_QUEUE_DEPTH = 1000
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ class RecorderNode(GraphNode[RecorderParameters]):
     """Writes every topic it is given by the graph into one bag."""
 
     def __init__(self) -> None:
-        super().__init__(NODE_NAME, RecorderParameters)
+        super().__init__(NODE_NAME, RecorderParameters, polled=True)
         schemas = MessageSchemas(ament_share_directories())
         provenance = self.parameters.provenance_file
         topics = self.graph.subscriptions(self.get_name())
@@ -53,15 +56,19 @@ class RecorderNode(GraphNode[RecorderParameters]):
             self.parameters.directory(),
             topics,
             schemas,
-            provenance=read_provenance(Path(provenance)) if provenance else None,
+            provenance=read_provenance(Path(provenance)) if provenance else {"feedopt/versions": versions()},
             flush_interval_s=self.parameters.flush_interval_s,
         )
         self._start_s, self._start_cpu_s = time.monotonic(), time.process_time()
         group = PolledGroup()
         self._taps = [
             _Tap(
-                self.subscribe_topic(topic.name, self._never_called, raw=True, group=group),
-                SequenceWatch(topic.name, identified=has_identity(schemas.schema(topic.type))),
+                self.subscribe_topic(topic.name, self._never_called, raw=True, group=group, depth=_QUEUE_DEPTH),
+                SequenceWatch(
+                    topic.name,
+                    identified=has_identity(schemas.schema(topic.type)),
+                    numbered=len(set(topic.publishers) & set(self.life.present)) == 1,
+                ),
             )
             for topic in topics
         ]
@@ -81,9 +88,11 @@ class RecorderNode(GraphNode[RecorderParameters]):
             json.dumps(summary.as_document(), indent=1), encoding="utf-8"
         )
         for gap in summary.gaps[:_GAPS_PRINTED]:
-            self._say(f"{gap.topic}: program {gap.program_id}: messages {gap.first} to {gap.last} are missing")
+            program = f"program {gap.program_id}: " if gap.program_id else ""
+            self._say(f"{gap.topic}: {program}messages {gap.first} to {gap.last} are missing")
 
     def _record(self) -> None:
+        self.life.poll()
         self._drain()
         self._writer.flush_if_due()
 
@@ -96,19 +105,16 @@ class RecorderNode(GraphNode[RecorderParameters]):
         for tap in self._taps:
             subscription, watch = tap.subscription, tap.watch
             with subscription.handle:
-                while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+                take, kind = subscription.handle.take_message, subscription.msg_type
+                while (taken := take(kind, True)) is not None:
                     payload, info = taken
-                    watch.add(payload)
-                    batch.append((info["received_timestamp"], watch.topic, payload, info))
-        batch.sort(key=_received)
-        for received_ns, topic, payload, info in batch:
-            self._writer.write(
-                topic,
-                payload,
-                log_ns=received_ns,
-                publish_ns=info["source_timestamp"],
-                publisher_sequence=info["publication_sequence_number"] or 0,
-            )
+                    number = info["publication_sequence_number"] or 0
+                    watch.add(payload, number)
+                    batch.append(
+                        Received(info["received_timestamp"], info["source_timestamp"], watch.topic, payload, number)
+                    )
+        batch.sort()
+        self._writer.write(batch)
 
     def _summary(self) -> RecorderSummary:
         duration_s = time.monotonic() - self._start_s
@@ -130,10 +136,6 @@ class RecorderNode(GraphNode[RecorderParameters]):
 
     def _never_called(self, message: Any) -> None:
         raise AssertionError("the executor took a message that the recorder polls for")
-
-
-def _received(row: tuple[int, str, bytes, Any]) -> int:
-    return row[0]
 
 
 def main() -> None:

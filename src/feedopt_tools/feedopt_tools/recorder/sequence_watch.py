@@ -23,7 +23,10 @@ def has_identity(schema_text: str) -> bool:
 
 @dataclass(frozen=True)
 class Gap:
-    """Sequence numbers ``first`` to ``last`` of one program that never came; ``last < first``: a number came again."""
+    """Sequence numbers ``first`` to ``last`` of one program that never came; ``last < first``: a number came again.
+
+    Program 0: the numbers are those of the middleware.
+    """
 
     topic: str
     program_id: int
@@ -48,22 +51,33 @@ class SequenceWatch:
     Args:
         topic: its name.
         identified: its messages carry program_id and sequence (:func:`has_identity`).
+        numbered: it has one publisher, so that the numbers the middleware gives tell of gaps where nothing else does.
     """
 
-    def __init__(self, topic: str, *, identified: bool) -> None:
+    def __init__(self, topic: str, *, identified: bool, numbered: bool = False) -> None:
         self.topic = topic
         self.count = TopicCount()
         self.gaps: list[Gap] = []
         self._identified = identified
+        self._numbered = numbered
         self._expected = 1
         self._program_id = -1
 
-    def add(self, payload: bytes) -> None:
-        """Take note of one message, in the order of arrival. Sequence numbers of a program start at 1."""
+    def add(self, payload: bytes, number: int = 0) -> None:
+        """Take note of one message, in the order of arrival. Sequence numbers of a program start at 1.
+
+        Args:
+            payload: its CDR bytes.
+            number: what the middleware counted it as; 0: it does not count.
+        """
         count = self.count
         count.messages += 1
         count.payload_bytes += len(payload)
         if not self._identified or payload[1] != _LITTLE_ENDIAN:
+            if self._numbered and number:
+                if number != self._expected:
+                    self._note_gap(0, number)
+                self._expected = number + 1
             return
         program_id, sequence = _IDENTITY.unpack_from(payload)
         if program_id != self._program_id:
