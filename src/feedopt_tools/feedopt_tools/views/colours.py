@@ -14,11 +14,32 @@ FEED = (236, 168, 52)
 PREDICTED = (216, 216, 224)
 LIMIT = (200, 60, 110)
 PATH = (120, 120, 130)
+PROGRAMMED = (150, 150, 160)
+RAPID = (96, 128, 176)
+FREE = (104, 104, 112)
+_LIMIT_KINDS = {
+    "feedrate": (236, 168, 52),
+    "velocity": (64, 176, 92),
+    "acceleration": (72, 132, 236),
+    "jerk": (214, 76, 160),
+    "control_signal": (232, 92, 60),
+    "tracking_error": (148, 104, 228),
+}
+# The second axis is told from the first by lightness, not by another hue: the hue is the quantity.
+_LIGHTER = (0.0, 0.42, -0.4, 0.68, -0.6, 0.21)
 
 
 def axis_colour(axis: int) -> tuple[int, int, int]:
     """Colour of an axis by its place in the machine file."""
     return AXES[axis % len(AXES)]
+
+
+def limit_colour(key: str, axis: int | None) -> tuple[int, int, int]:
+    """Colour of a limit: the hue is the quantity, the lightness the axis."""
+    lighter = _LIGHTER[(axis or 0) % len(_LIGHTER)]
+    towards = 255 if lighter > 0.0 else 0
+    red, green, blue = (round(part + abs(lighter) * (towards - part)) for part in _LIMIT_KINDS[key])
+    return red, green, blue
 
 
 def feed_colours(feedrate_mm_s: FloatArray, top_mm_s: float) -> NDArray[np.uint8]:

@@ -1,19 +1,29 @@
-"""A picture of a run: drawn by Rerun where it can draw, else by matplotlib with the same content."""
+"""Pictures of a run: drawn by Rerun where it can draw, else by matplotlib with the same content."""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from feedopt_tools.bags.run_data import RunData
+from feedopt_tools.views.comparison import Comparison
+from feedopt_tools.views.comparison_recording import save_comparison
 from feedopt_tools.views.errors import ViewError
+from feedopt_tools.views.layout import pages_of
+from feedopt_tools.views.matplotlib_comparison import draw_comparison_by_matplotlib
 from feedopt_tools.views.matplotlib_picture import draw_by_matplotlib
-from feedopt_tools.views.recording import save_recording
-from feedopt_tools.views.rerun_picture import ViewFailure, draw_by_rerun
-from feedopt_tools.views.signals import signals_of
+from feedopt_tools.views.matplotlib_survey import draw_survey_by_matplotlib
+from feedopt_tools.views.pages import MOTION, Page
+from feedopt_tools.views.recording import save_scene
+from feedopt_tools.views.rerun_picture import Cursor, ViewFailure, draw_by_rerun
+from feedopt_tools.views.scene import RunScene, scene_of
+from feedopt_tools.views.survey_recording import OVER, save_survey
+from feedopt_tools.views.survey_scene import SurveyScene
 
-# Where the time cursor stands: far enough for the tool to be seen on its way.
+DRAWERS = ("any", "rerun", "matplotlib")
+# Where the cursor stands: far enough for the tool to be seen on its way.
 _CURSOR_RATIO = 0.42
 
 
@@ -35,30 +45,98 @@ class Picture:
 
 
 def draw_picture(run: RunData, picture: Path, *, by: str = "any") -> Picture:
-    """Draw a run.
+    """Draw the motion page of a run: see :func:`draw_page`. Raises ViewError."""
+    return draw_page(scene_of(run), picture, by=by)
+
+
+def draw_page(
+    scene: RunScene, picture: Path, page: Page = MOTION, over: str | None = None, *, by: str = "any"
+) -> Picture:
+    """Draw one page of a run.
 
     Args:
-        run: what was recorded.
+        scene: what is shown.
         picture: the PNG to write.
+        page: which page.
+        over: ``time`` or ``arc-length``; None: as the page has it.
         by: ``rerun``, ``matplotlib``, or ``any``: Rerun first, matplotlib where it cannot.
 
     Raises:
-        ViewError: there is nothing to draw, the picture cannot be written, or Rerun was demanded and cannot draw.
+        ViewError: the page has nothing to show, the picture cannot be written, or Rerun was demanded and cannot draw.
     """
+    there = pages_of(scene)
+    if page not in there:
+        raise ViewError(
+            f"{scene.signals.run.path}: holds nothing for the page {page.key}; "
+            f"there are: {', '.join(one.key for one in there)}"
+        )
+    line = over or page.over
+    return _draw(
+        picture,
+        by,
+        _cursor(scene, line),
+        lambda recording: save_scene(scene, recording, page, line),
+        lambda: draw_by_matplotlib(scene, picture, page),
+    )
+
+
+def draw_pages(scene: RunScene, folder: Path, *, by: str = "any") -> tuple[Picture, ...]:
+    """Draw every page of a run into a folder, as ``<page>.png``. Raises ViewError."""
+    pictures = list[Picture]()
+    for page in pages_of(scene):
+        # What could not be drawn once is not tried again for every page.
+        drawer = "matplotlib" if pictures and pictures[-1].drawn_by == "matplotlib" else by
+        pictures.append(draw_page(scene, folder / f"{page.key}.png", page, by=drawer))
+    return tuple(pictures)
+
+
+def draw_comparison_picture(
+    comparison: Comparison, picture: Path, over: str = "arc-length", *, by: str = "any"
+) -> Picture:
+    """Draw two runs beside each other. Raises ViewError."""
+    return _draw(
+        picture,
+        by,
+        _cursor(comparison.first, over),
+        lambda recording: save_comparison(comparison, recording, over),
+        lambda: draw_comparison_by_matplotlib(comparison, picture, over),
+    )
+
+
+def draw_survey_picture(scene: SurveyScene, picture: Path, *, by: str = "any") -> Picture:
+    """Draw a program with its smoothed path. Raises ViewError."""
+    return _draw(
+        picture,
+        by,
+        Cursor(OVER, 0.0, _CURSOR_RATIO * float(scene.s_mm[-1])),
+        lambda recording: save_survey(scene, recording),
+        lambda: draw_survey_by_matplotlib(scene, picture),
+    )
+
+
+def _cursor(scene: RunScene, over: str) -> Cursor:
+    signals = scene.signals
+    t_s = round(_CURSOR_RATIO * signals.run.motion_time_s, 2)
+    return Cursor(over, t_s, _CURSOR_RATIO * float(signals.s_mm[-1]))
+
+
+def _draw(
+    picture: Path, by: str, cursor: Cursor, record: Callable[[Path], None], draw_otherwise: Callable[[], None]
+) -> Picture:
     reason = ""
     try:
         if by != "matplotlib":
             try:
                 with tempfile.TemporaryDirectory() as folder:
                     recording = Path(folder) / "run.rrd"
-                    save_recording(run, recording)
-                    failures = draw_by_rerun(recording, picture, at_s=round(_CURSOR_RATIO * run.motion_time_s, 2))
+                    record(recording)
+                    failures = draw_by_rerun(recording, picture, cursor)
                 return Picture(picture, "rerun", "", failures)
             except ViewError as error:
                 if by == "rerun":
                     raise
                 reason = str(error)
-        draw_by_matplotlib(signals_of(run), picture)
+        draw_otherwise()
     except OSError as error:
         raise ViewError(f"{picture}: cannot be written: {error.strerror}") from error
     return Picture(picture, "matplotlib", reason, ())

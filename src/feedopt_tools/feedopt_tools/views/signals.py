@@ -8,6 +8,7 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.audit.quantities import AxisMotion, control_signal, tracking_error
+from feedopt_core.config.machine import Machine
 from feedopt_tools.bags.run_data import TICK_S, RunData, SetpointArrays
 from feedopt_tools.views.errors import ViewError
 
@@ -21,7 +22,7 @@ class Quantity:
         title: name on the axis of a plot, with its unit.
         commanded: at the set points, shape (n, axes); None where the drive model is not known.
         measured: at the states, shape (m, axes); None for what is not measured.
-        limit: one for each axis; None without one.
+        limit: one for each axis, infinity for an axis without one; None where no axis has one.
     """
 
     key: str
@@ -29,6 +30,10 @@ class Quantity:
     commanded: FloatArray | None
     measured: FloatArray | None
     limit: tuple[float, ...] | None
+
+    def limit_of(self, axis: int) -> float:
+        """Limit of an axis; infinity without one."""
+        return float("inf") if self.limit is None else self.limit[axis]
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,7 @@ def signals_of(run: RunData) -> RunSignals:
         feedrate_mm_s=setpoints.feedrate_mm_s,
         programmed_mm_s=_programmed_feed(run),
         lateness_ms=1e3 * setpoints.lateness_s,
-        tool_mm=_tool_position(run),
+        tool_mm=tool_from_axes(run.machine, setpoints.position_mm),
         state_t_s=states.t_s,
         state_s_mm=setpoints.s_mm[answered],
         quantities=_quantities(run),
@@ -121,9 +126,9 @@ def _quantities(run: RunData) -> dict[str, Quantity]:
         volts = control_signal(machine.drive, motion).T if machine.drive else None
         error_mm = tracking_error(machine.tracking, motion).T if machine.tracking else None
     measured = (states.control_signal_volts, states.tracking_error_mm) if len(states) else (None, None)
-    velocity_limit = machine.velocity_limit_mm_s if machine else None
-    acceleration_limit = machine.acceleration_limit_mm_s2 if machine else None
-    jerk_limit = machine.jerk_limit_mm_s3 if machine else None
+    velocity_limit = _given(machine.velocity_limit_mm_s) if machine else None
+    acceleration_limit = _given(machine.acceleration_limit_mm_s2) if machine else None
+    jerk_limit = _given(machine.jerk_limit_mm_s3) if machine else None
     control_limit = machine.control_limit_volts if machine else None
     error_limit = _thousandfold(machine.tracking_error_limit_mm) if machine else None
     acceleration = setpoints.acceleration_mm_s2
@@ -143,17 +148,27 @@ def _quantities(run: RunData) -> dict[str, Quantity]:
     return {row.key: row for row in rows}
 
 
+def _given(limits: tuple[float, ...]) -> tuple[float, ...] | None:
+    """Limits to draw; None where the machine file gives none for any axis."""
+    return limits if np.any(np.isfinite(limits)) else None
+
+
 def _thousandfold(row: tuple[float, ...] | None) -> tuple[float, ...] | None:
     return None if row is None else tuple(1e3 * value for value in row)
 
 
-def _tool_position(run: RunData) -> FloatArray:
-    position = run.setpoints.position_mm
-    coordinate = run.machine.coordinate if run.machine else tuple(range(min(3, position.shape[1])))
-    tool = np.zeros((len(position), 3))
-    # Of two axes that follow one coordinate (a gantry) the first one counts.
-    for axis in reversed(range(len(coordinate))):
-        tool[:, coordinate[axis]] = position[:, axis]
+def tool_from_axes(machine: Machine | None, position_mm: FloatArray) -> FloatArray:
+    """Tool positions of axis positions, shape (n, axes): shape (n, 3); without a machine the axes are x, y, z.
+
+    Where more axes than coordinates follow the tool, as on a gantry, the tool is where they are closest to in the
+    least-squares sense.
+    """
+    tool = np.zeros((len(position_mm), 3))
+    if machine is None:
+        count = min(3, position_mm.shape[1])
+        tool[:, :count] = position_mm[:, :count]
+    else:
+        tool[:, : machine.dimensions] = position_mm @ machine.tool_matrix().T
     return tool
 
 

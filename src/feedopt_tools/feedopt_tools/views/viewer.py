@@ -1,21 +1,24 @@
-"""Opens a run in the Rerun viewer."""
+"""Opens recordings in the Rerun viewer: in a window, or in a browser."""
 
 from __future__ import annotations
 
 import os
+import signal
+import socket
 import subprocess
 import sys
+import webbrowser
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
-from feedopt_tools.bags.read_bag import read_bag
 from feedopt_tools.views.errors import ViewError
-from feedopt_tools.views.recording import save_recording
 
 
 @dataclass(frozen=True)
 class OpenedView:
-    """What was done to look at a run.
+    """What was done to look at a recording.
 
     Attributes:
         recording: the ``.rrd`` file.
@@ -28,33 +31,54 @@ class OpenedView:
     hint: str
 
 
-def open_viewer(bag_or_recording: Path, recording: Path | None = None, program_id: int | None = None) -> OpenedView:
-    """Show a bag, or an ``.rrd`` file made from one, in a viewer that outlives this process.
-
-    Args:
-        bag_or_recording: a bag, or a file ending in ``.rrd``.
-        recording: where to put the recording made of a bag; None: ``run.rrd`` inside the bag's folder.
-        program_id: which program of the bag; None: the last one.
+def open_viewer(recording: Path) -> OpenedView:
+    """Show an ``.rrd`` file in a viewer that outlives this process.
 
     Raises:
-        BagError: the bag cannot be read.
-        ViewError: there is nothing to show, or the recording cannot be written.
+        ViewError: there is no such file.
     """
-    if bag_or_recording.suffix == ".rrd":
-        if not bag_or_recording.is_file():
-            raise ViewError(f"{bag_or_recording}: no such recording")
-        shown = bag_or_recording
-    else:
-        folder = bag_or_recording if bag_or_recording.is_dir() else bag_or_recording.parent
-        shown = recording or folder / "run.rrd"
-        save_recording(read_bag(bag_or_recording, program_id), shown)
+    _check(recording)
     if not has_display():
-        return OpenedView(shown, None, _hint(shown))
-    command = [sys.executable, "-m", "rerun", str(shown)]
+        return OpenedView(recording, None, _hint(recording))
+    command = [sys.executable, "-m", "rerun", str(recording)]
     process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
-    return OpenedView(shown, process.pid, "")
+    return OpenedView(recording, process.pid, "")
+
+
+@dataclass(frozen=True)
+class WebView:
+    """A recording served to browsers of this machine until the process ends."""
+
+    process: subprocess.Popen[bytes]
+    url: str
+
+    def close(self) -> None:
+        """End the server. The command starts it as a process of its own: both are ended."""
+        with suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGTERM)
+        self.process.wait()
+
+
+def serve_web(recording: Path) -> WebView:
+    """Serve an ``.rrd`` file to browsers of this machine, and open one where there is a display.
+
+    Raises:
+        ViewError: there is no such file.
+    """
+    _check(recording)
+    port, web_port = _free_port(), _free_port()
+    command = [sys.executable, "-m", "rerun", "--serve-web", "--bind", "127.0.0.1"]
+    command += ["--port", str(port), "--web-viewer-port", str(web_port), str(recording)]
+    process = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    data = quote(f"rerun+http://127.0.0.1:{port}/proxy", safe="")
+    url = f"http://127.0.0.1:{web_port}?url={data}"
+    if has_display():
+        webbrowser.open(url)
+    return WebView(process, url)
 
 
 def has_display() -> bool:
@@ -62,8 +86,19 @@ def has_display() -> bool:
     return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
+def _check(recording: Path) -> None:
+    if not recording.is_file():
+        raise ViewError(f"{recording}: no such recording")
+
+
 def _hint(recording: Path) -> str:
     return (
         f"no display here. Copy {recording} to a machine with one and open it with: rerun {recording.name}; "
-        f"or serve it to a browser from here: rerun --serve-web {recording}"
+        f"or serve it to a browser from here: ./feedopt view {recording} --web; or draw it with --screenshot FILE.png"
     )
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,117 @@
+"""``feedopt export``: a plan or a run for other tools."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from feedopt_core.config.machine import load_machine
+from feedopt_core.errors import ConfigError
+from feedopt_core.plan import plan_program
+from feedopt_tools.bags.read_bag import read_bag
+from feedopt_tools.bags.run_data import RunData
+from feedopt_tools.command.options import machine_option, method_option, planner_parameters, tolerance_option
+from feedopt_tools.execute.execution import BAG_NAME
+from feedopt_tools.export.errors import ExportError
+from feedopt_tools.export.gcode import GcodeSettings, write_gcode
+from feedopt_tools.export.joint_trajectory import joint_trajectory_yaml
+from feedopt_tools.export.motion import Motion, motion_of_plan, motion_of_run
+from feedopt_tools.export.samples import Table, setpoint_table, state_table, write_csv, write_npz, write_parquet
+
+_ENDINGS = {
+    "gcode": ".ngc",
+    "csv": ".csv",
+    "npz": ".npz",
+    "parquet": ".parquet",
+    "joint-trajectory": ".yaml",
+    "states": ".csv",
+}
+_TABLES: dict[str, Callable[[Path, Table], None]] = {"csv": write_csv, "npz": write_npz, "parquet": write_parquet}
+_DEFAULTS = GcodeSettings()
+
+
+@click.command()
+@click.argument("source", metavar="BAG|PROGRAM", type=click.Path(path_type=Path))
+@click.option("--format", "kind", type=click.Choice(list(_ENDINGS)), default="gcode", show_default=True)
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="The file; else named after the source.")
+@click.option("--program", type=int, help="Program of the bag; without it, the last one.")
+@machine_option
+@method_option
+@tolerance_option
+@click.option("--chord-tolerance-mm", type=float, default=_DEFAULTS.tolerance_mm, show_default=True, help="G-code.")
+@click.option("--longest-chord-mm", type=float, default=_DEFAULTS.longest_chord_mm, show_default=True, help="G-code.")
+@click.option("--feed-step-mm-min", type=float, default=_DEFAULTS.feed_step_mm_min, show_default=True, help="G-code.")
+@click.option("--inverse-time", is_flag=True, help="G-code: feeds as G93.")
+@click.option("--period-s", type=float, default=0.001, show_default=True, help="Of set points and trajectories.")
+def command(
+    source: Path,
+    kind: str,
+    *,
+    out: Path | None,
+    program: int | None,
+    machine: str,
+    method: str,
+    tolerance_mm: float,
+    chord_tolerance_mm: float,
+    longest_chord_mm: float,
+    feed_step_mm_min: float,
+    inverse_time: bool,
+    period_s: float,
+) -> None:
+    """Write a recorded run, or a program that is planned now, as G-code with feeds, set points, trajectory or states.
+
+    Machine, method and smoothing tolerance are of a program that is planned; a bag has its own.
+    """
+    bag = source / BAG_NAME if (source / BAG_NAME).is_dir() else source
+    run = read_bag(bag, program) if bag.is_dir() or bag.suffix == ".mcap" else None
+    stem = source.parent.name if source.name == BAG_NAME else source.stem
+    path = out or Path(f"{stem}_{kind.replace('-', '_')}{_ENDINGS[kind]}")
+    if kind == "states":
+        if run is None:
+            raise ConfigError(f"{source}: is a program; states are in the bag of a run")
+        _write(path, lambda: write_csv(path, state_table(run)))
+        click.echo(f"{path}: {len(run.states)} states")
+        return
+    motion = _motion(source, run, (machine, method, tolerance_mm))
+    if kind == "gcode":
+        settings = GcodeSettings(chord_tolerance_mm, longest_chord_mm, feed_step_mm_min, inverse_time)
+        click.echo(_write_gcode(path, motion, settings))
+    elif kind == "joint-trajectory":
+        text = joint_trajectory_yaml(motion, period_s)
+        _write(path, lambda: path.write_text(text, encoding="utf-8"))
+        click.echo(f"{path}: {text.count('- positions')} points, {motion.t_s[-1]:.3f} s")
+    else:
+        table = setpoint_table(motion, period_s)
+        _write(path, lambda: _TABLES[kind](path, table))
+        click.echo(f"{path}: {len(table['t_s'])} set points, {motion.t_s[-1]:.3f} s")
+
+
+def _motion(source: Path, run: RunData | None, planning: tuple[str, str, float]) -> Motion:
+    if run is not None:
+        return motion_of_run(run)
+    name, method, tolerance_mm = planning
+    machine = load_machine(name)
+    plan = plan_program(source, machine, planner_parameters(method), tolerance_mm)
+    if not plan.audit.holds:
+        worst = plan.audit.worst
+        raise ExportError(f"{source}: the plan's {worst.quantity} {worst.axis} is {worst.ratio:.4f} of its limit")
+    return motion_of_plan(plan, machine, source)
+
+
+def _write_gcode(path: Path, motion: Motion, settings: GcodeSettings) -> str:
+    written = write_gcode(motion, settings)
+    _write(path, lambda: path.write_text("\n".join(written.lines) + "\n", encoding="utf-8"))
+    return (
+        f"{path}: {written.chords} moves within {1e3 * written.deviation_mm:.2f} um of the path, read back; "
+        f"{written.written_s:.3f} s by their feeds (planned {written.planned_s:.3f} s), "
+        f"up to {written.blocks_a_second:.0f} moves a second"
+    )
+
+
+def _write(path: Path, write: Callable[[], object]) -> None:
+    try:
+        write()
+    except OSError as error:
+        raise ExportError(f"{path}: cannot be written: {error.strerror}") from error

@@ -1,0 +1,25 @@
+"""``feedopt report``: one HTML page about a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from feedopt_tools.bags.read_bag import read_bag
+from feedopt_tools.execute.execution import BAG_NAME
+from feedopt_tools.report.run_report import write_report
+from feedopt_tools.views.scene import scene_of
+
+
+@click.command()
+@click.argument("bag", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="The page; else report.html in BAG.")
+@click.option("--program", type=int, help="Program of the bag; without it, the last one.")
+def command(bag: Path, out: Path | None, program: int | None) -> None:
+    """Write one self-contained HTML page about BAG: times, limits, tracking, planner, events, where it comes from."""
+    folder = bag / BAG_NAME if (bag / BAG_NAME).is_dir() else bag
+    scene = scene_of(read_bag(folder, program, allow_truncated=True))
+    path = out or (folder if folder.is_dir() else folder.parent) / "report.html"
+    write_report(scene, path)
+    click.echo(f"{path}: {path.stat().st_size / 1024:.0f} KiB")

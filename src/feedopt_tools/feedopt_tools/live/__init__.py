@@ -1,0 +1,1 @@
+"""Watching a graph while it runs."""

@@ -1,0 +1,44 @@
+"""The pages of a run's views: what each shows beside which colouring of the path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from feedopt_tools.views.errors import ViewError
+
+OVER = ("time", "arc-length")
+
+
+@dataclass(frozen=True)
+class Page:
+    """One page.
+
+    Attributes:
+        key: its name on the command line and of its picture.
+        title: its tab.
+        path: colouring of the path that is in front: a key of a path colouring, or ``contour``.
+        over: time line it opens on, ``time`` or ``arc-length``.
+    """
+
+    key: str
+    title: str
+    path: str
+    over: str = "time"
+
+
+MOTION = Page("motion", "Motion", "feed")
+ACTIVE_LIMIT = Page("active-limit", "Active limit", "limit", "arc-length")
+AXIS_LIMITS = Page("axis-limits", "Axis limits", "use")
+TRACKING = Page("tracking", "Tracking", "error")
+CONTOUR = Page("contour", "Contour", "contour", "arc-length")
+PLANNER = Page("planner", "Planner", "feed")
+EVENTS = Page("events", "Events", "control")
+PAGES = (MOTION, ACTIVE_LIMIT, AXIS_LIMITS, TRACKING, CONTOUR, PLANNER, EVENTS)
+
+
+def page_named(key: str) -> Page:
+    """Page by its key. Raises ViewError."""
+    for page in PAGES:
+        if page.key == key:
+            return page
+    raise ViewError(f"there is no page {key!r}; there are: {', '.join(page.key for page in PAGES)}")
