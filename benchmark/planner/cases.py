@@ -63,7 +63,7 @@ def kinematic(runs: int) -> Iterator[Row]:
 
 def drives(runs: int) -> Iterator[Row]:
     """Control signal and tracking error: every method, and the mesh-converged optimum of the whole path."""
-    segments, limited = fan(), load_machine("router_simulation")
+    segments, limited = fan(), table_3_1()
     for machine in (limited, without_velocity_limit(limited)):
         case = f"fan, {'v 150' if machine is limited else 'v free'}, u 10 V, e 0.02 mm"
         for method in ("lp", "lp_nlp"):
@@ -73,6 +73,13 @@ def drives(runs: int) -> Iterator[Row]:
     hand = hand_like()
     for method in ("lp", "lp_nlp", "thesis"):
         yield _attempt("hand-like (own drawing)", hand, limited, PlannerParameters(method=method), runs)
+
+
+def table_3_1() -> Machine:
+    """The thesis' simulation study: velocity, control signal and the whole tracking error, no limit of jerk."""
+    machine = load_machine("router_simulation")
+    free = (float("inf"),) * len(machine.axis_names)
+    return replace(machine, name="table_3_1", jerk_limit_mm_s3=free, tracking_error_reserve_mm=None)
 
 
 def without_velocity_limit(machine: Machine) -> Machine:
@@ -94,7 +101,7 @@ def _converged(case: str, segments: list[Segment], machine: Machine) -> Iterator
 
 def windows(runs: int) -> Iterator[Row]:
     """Windowed against one window for the whole path, on the same mesh."""
-    machine = load_machine("router_simulation")
+    machine = table_3_1()
     paths: tuple[tuple[str, Callable[[], list[Segment]]], ...] = (
         ("fan", fan),
         ("hand-like", hand_like),
@@ -112,7 +119,7 @@ def windows(runs: int) -> Iterator[Row]:
 
 def speed(runs: int) -> Iterator[Row]:
     """18.5 m with about 4,000 control points, as large as the thesis' largest case; the path is our own."""
-    segments, machine = long_smooth(), without_velocity_limit(load_machine("router_simulation"))
+    segments, machine = long_smooth(), without_velocity_limit(table_3_1())
     for method in ("lp", "lp_nlp"):
         parameters = PlannerParameters(method=method, knot_spacing_mm=18_500.0 / 4_000.0, commitment_mm=1e6)
         yield _attempt("18.5 m (own drawing), whole path", segments, machine, parameters, runs)

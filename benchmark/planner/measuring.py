@@ -142,9 +142,9 @@ def worst_difference(position_mm: FloatArray, machine: Machine) -> float:
     if machine.drive is not None and machine.control_limit_volts is not None:
         m, b, c, d = (np.array(row) for row in vars(machine.drive).values())
         ratios.append(np.max(np.abs(m * a + b * v + c + d * np.sign(v)) / np.array(machine.control_limit_volts)))
-    if machine.tracking is not None and machine.tracking_error_limit_mm is not None:
+    if machine.tracking is not None and machine.planned_tracking_error_mm is not None:
         kv, ka, kj = (np.array(row) for row in vars(machine.tracking).values())
-        ratios.append(np.max(np.abs(kv * v + ka * a + kj * j) / np.array(machine.tracking_error_limit_mm)))
+        ratios.append(np.max(np.abs(kv * v + ka * a + kj * j) / np.array(machine.planned_tracking_error_mm)))
     return float(max(ratios))
 
 

@@ -94,6 +94,13 @@ def test_machine_without_models_has_none_of_them() -> None:
     assert machine.tracking_error_limit_mm is None
 
 
+def test_reserve_of_the_tracking_error_leaves_something_to_the_plan() -> None:
+    machine = parse_machine(text(section(tracking_error_reserve_mm=[25.0, 0.0])), "bench.yaml")
+    assert machine.planned_tracking_error_mm == (75.0, 200.0)
+    assert "of axis Y leaves nothing" in refusal(section(tracking_error_reserve_mm=[25.0, 200.0]))
+    assert "must not be negative" in refusal(section(tracking_error_reserve_mm=[-1.0, 0.0]))
+
+
 def test_each_model_may_stand_alone() -> None:
     drive_only = parse_machine(
         text(section(**dict.fromkeys((*TRACKING_KEYS, "tracking_error_limit_mm")))), "bench.yaml"

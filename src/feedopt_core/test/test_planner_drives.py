@@ -249,7 +249,7 @@ def test_methods_have_names() -> None:
 def fan_machine() -> Machine:
     """The thesis' simulation study: drive and tracking models of table 3-1, 10 V, 0.02 mm, nothing else."""
     machine = load_machine("router_simulation")
-    return replace(machine, velocity_limit_mm_s=FREE, acceleration_limit_mm_s2=FREE, jerk_limit_mm_s3=FREE)
+    return replace(machine, velocity_limit_mm_s=FREE, jerk_limit_mm_s3=FREE, tracking_error_reserve_mm=None)
 
 
 def test_fan_contour_is_within_half_a_percent_of_the_reference() -> None:
@@ -265,6 +265,17 @@ def test_fan_contour_is_within_half_a_percent_of_the_reference() -> None:
     for planned in (windowed, reference, derived):
         assert planned.fine_audit().worst.ratio <= ALLOWED_RATIO
     assert {chunk.figures.solver for chunk in windowed.chunks} == {"nlp"}
+
+
+def test_plan_leaves_the_reserve_of_the_tracking_error_to_the_servo() -> None:
+    machine = replace(fan_machine(), tracking_error_reserve_mm=(0.005, 0.0))
+    for method in ("lp", "lp_nlp"):
+        planned = plan_path(machine, spline(BENT), PlannerParameters(method=method))
+        rows = [row for row in planned.fine_audit().rows if row.quantity == "tracking_error"]
+        assert [row.limit for row in rows] == pytest.approx([0.015, 0.02])
+        assert max(row.ratio for row in rows) <= ALLOWED_RATIO
+        without = plan_path(fan_machine(), spline(BENT), PlannerParameters(method=method))
+        assert planned.motion_time_s > without.motion_time_s
 
 
 def test_tracking_model_of_either_sign_is_planned() -> None:

@@ -46,12 +46,13 @@ def test_limits_that_are_not_given_are_infinite() -> None:
         assert getattr(machine, key) == (math.inf, math.inf)
 
 
-def test_thesis_router_is_limited_by_velocity_and_its_models_alone() -> None:
+def test_acceleration_of_the_thesis_router_is_limited_by_its_models_alone() -> None:
     machine = load_machine("router_simulation")
     assert machine.velocity_limit_mm_s == (150.0, 150.0)
     assert machine.control_limit_volts == (10.0, 10.0)
     assert machine.tracking_error_limit_mm == (0.02, 0.02)
-    assert machine.acceleration_limit_mm_s2 == machine.jerk_limit_mm_s3 == (math.inf, math.inf)
+    assert machine.planned_tracking_error_mm == (0.016, 0.02)
+    assert machine.acceleration_limit_mm_s2 == (math.inf, math.inf)
 
 
 @pytest.mark.parametrize(

@@ -178,6 +178,7 @@ def machine_to_message(machine: Machine) -> MachineMessage:
         setattr(message, name, array("d", [math.nan if math.isinf(x) else x for x in getattr(machine, name)]))
     message.control_limit_volts = array("d", machine.control_limit_volts or unknown)
     message.tracking_error_limit_mm = array("d", machine.tracking_error_limit_mm or unknown)
+    message.tracking_error_reserve_mm = array("d", machine.tracking_error_reserve_mm or unknown)
     for name in _DRIVE_FIELDS:
         setattr(message, name, array("d", getattr(machine.drive, name) if machine.drive else unknown))
     for name in _TRACKING_FIELDS:
@@ -203,6 +204,7 @@ def machine_from_message(message: MachineMessage) -> Machine:
         control_limit_volts=_known(message.control_limit_volts),
         drive=drive,
         tracking_error_limit_mm=_known(message.tracking_error_limit_mm),
+        tracking_error_reserve_mm=_known(message.tracking_error_reserve_mm),
         tracking=tracking,
     )
 
@@ -215,4 +217,4 @@ def _model(kind: type[_Model], names: Sequence[str], message: MachineMessage) ->
 
 def _known(field: Sequence[float]) -> tuple[float, ...] | None:
     row = tuple(field)
-    return None if any(math.isnan(value) for value in row) else row
+    return None if not row or any(math.isnan(value) for value in row) else row

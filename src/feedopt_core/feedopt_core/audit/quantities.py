@@ -89,12 +89,12 @@ def kinematic_rows(grid: str, machine: Machine, motion: AxisMotion) -> list[Audi
 
 
 def drive_rows(grid: str, machine: Machine, motion: AxisMotion) -> list[AuditRow]:
-    """Rows of control signal and tracking error, where the machine has the models."""
+    """Rows of control signal and tracking error, where the machine has the models (the error by its planned part)."""
     at, rows = (motion.s_mm, motion.t_s), list[AuditRow]()
     if machine.drive is not None and machine.control_limit_volts is not None:
         signal_volts = control_signal(machine.drive, motion)
         rows += worst_rows(grid, machine, "control", signal_volts, machine.control_limit_volts, at)
-    if machine.tracking is not None and machine.tracking_error_limit_mm is not None:
+    if machine.tracking is not None and machine.planned_tracking_error_mm is not None:
         error_mm = tracking_error(machine.tracking, motion)
-        rows += worst_rows(grid, machine, "tracking_error", error_mm, machine.tracking_error_limit_mm, at)
+        rows += worst_rows(grid, machine, "tracking_error", error_mm, machine.planned_tracking_error_mm, at)
     return rows

@@ -21,6 +21,7 @@ from feedopt_core.errors import ConfigError
 
 COORDINATES = ("x", "y", "z")
 _ROOT = "/**"
+_RESERVE = "tracking_error_reserve_mm"
 _LIMITS = ("velocity_limit_mm_s", "acceleration_limit_mm_s2", "jerk_limit_mm_s3")
 
 
@@ -53,7 +54,9 @@ class Machine:
     ``axis_map`` holds the rows of the axis map K: axis position = K tool position, both in mm.
     The limits of velocity, acceleration and jerk are infinity where the file gives none.
     ``control_limit_volts`` comes with ``drive`` and ``tracking_error_limit_mm`` with ``tracking``; both are None where
-    the file gives no such model.
+    the file gives no such model. ``tracking_error_reserve_mm`` is the part of the tracking error limit that a plan
+    leaves to the servo: for what the quasi-static model leaves out, such as changes of jerk, friction reversals and
+    encoder counts (docs/decisions/0014).
     """
 
     name: str
@@ -67,7 +70,16 @@ class Machine:
     control_limit_volts: tuple[float, ...] | None = None
     drive: DriveModel | None = None
     tracking_error_limit_mm: tuple[float, ...] | None = None
+    tracking_error_reserve_mm: tuple[float, ...] | None = None
     tracking: TrackingModel | None = None
+
+    @property
+    def planned_tracking_error_mm(self) -> tuple[float, ...] | None:
+        """Tracking error that a plan may use by the model: the limit less the reserve; None without a limit."""
+        if self.tracking_error_limit_mm is None or self.tracking_error_reserve_mm is None:
+            return self.tracking_error_limit_mm
+        rows = zip(self.tracking_error_limit_mm, self.tracking_error_reserve_mm, strict=True)
+        return tuple(limit - reserve for limit, reserve in rows)
 
     @property
     def dimensions(self) -> int:
@@ -135,14 +147,14 @@ class _MachineSection:
         drive_keys, tracking_keys = _model_keys(DriveModel), _model_keys(TrackingModel)
         drive_limit, tracking_limit = "control_limit_volts", "tracking_error_limit_mm"
         known = {"name", "source", "axis_names", "coordinate", "axis_map", "feed_limit_mm_s", *_LIMITS}
-        known |= {drive_limit, *drive_keys, tracking_limit, *tracking_keys}
+        known |= {drive_limit, *drive_keys, tracking_limit, _RESERVE, *tracking_keys}
         for key in self.section:
             if key not in known:
                 raise ConfigError(f"{self.source}: unknown key {key}; known are {', '.join(sorted(known))}")
         names = self._axis_names()
         # A model is given as a whole, with its limit, or not at all.
         has_drive = any(key in self.section for key in (drive_limit, *drive_keys))
-        has_tracking = any(key in self.section for key in (tracking_limit, *tracking_keys))
+        has_tracking = any(key in self.section for key in (tracking_limit, _RESERVE, *tracking_keys))
         machine = Machine(
             name=str(self._value("name")),
             yaml_text=text,
@@ -158,11 +170,17 @@ class _MachineSection:
             if has_drive
             else None,
             tracking_error_limit_mm=self._row(tracking_limit, names, positive=True) if has_tracking else None,
+            tracking_error_reserve_mm=self._row(_RESERVE, names) if _RESERVE in self.section else None,
             tracking=TrackingModel(**{key: self._row(key, names, signed=True) for key in tracking_keys})
             if has_tracking
             else None,
         )
         self._refuse_unbounded(machine)
+        for name, left_mm in zip(names, machine.planned_tracking_error_mm or (), strict=False):
+            if left_mm <= 0.0:
+                raise ConfigError(
+                    f"{self.source}: {_RESERVE} of axis {name} leaves nothing of its {tracking_limit} to the plan"
+                )
         return machine
 
     def _refuse_unbounded(self, machine: Machine) -> None:

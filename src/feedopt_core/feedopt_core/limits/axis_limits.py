@@ -57,7 +57,7 @@ class ControlLimits:
 
 @dataclass(frozen=True)
 class TrackingLimits:
-    """Tracking model (thesis section 3.6.1) and largest error of each axis, shape (n_axes,); mm and s."""
+    """Tracking model (thesis section 3.6.1) and largest error that a plan may use, shape (n_axes,); mm and s."""
 
     kv_s: FloatArray
     ka_s2: FloatArray
@@ -87,13 +87,13 @@ class MotionLimits:
                 np.array(drive.coulomb_volts),
                 np.array(machine.control_limit_volts),
             )
-        if machine.tracking is not None and machine.tracking_error_limit_mm is not None:
+        if machine.tracking is not None and machine.planned_tracking_error_mm is not None:
             model = machine.tracking
             tracking = TrackingLimits(
                 np.array(model.tracking_kv_s),
                 np.array(model.tracking_ka_s2),
                 np.array(model.tracking_kj_s3),
-                np.array(machine.tracking_error_limit_mm),
+                np.array(machine.planned_tracking_error_mm),
             )
         return cls(machine.axis_names, KinematicLimits.of(machine), control, tracking)
 

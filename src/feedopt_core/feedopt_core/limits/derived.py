@@ -36,9 +36,9 @@ def derived_limits(machine: Machine) -> KinematicLimits:
     for i, name in enumerate(machine.axis_names):
         if machine.drive is not None and machine.control_limit_volts is not None:
             v[i], a[i] = _within_control(machine.drive, machine.control_limit_volts[i], i, name, v[i], a[i])
-        if machine.tracking is not None and machine.tracking_error_limit_mm is not None:
+        if machine.tracking is not None and machine.planned_tracking_error_mm is not None:
             v[i], a[i], j[i] = _within_tracking(
-                machine.tracking, machine.tracking_error_limit_mm[i], i, v[i], a[i], j[i]
+                machine.tracking, machine.planned_tracking_error_mm[i], i, v[i], a[i], j[i]
             )
     return KinematicLimits(limits.axis_matrix, limits.feed_mm_s, v, a, j)
 

@@ -26,8 +26,9 @@ def _migrate_chunk(message: Any) -> None:
 
 
 def _migrate_machine(message: Any) -> None:
-    """Before axes could mix coordinates, each followed one: its row of the axis map has a single 1."""
+    """Before axes could mix coordinates, each followed one: its row of the axis map has a single 1. No reserve yet."""
     rows = np.eye(int(max(message.coordinate)) + 1)
+    message.tracking_error_reserve_mm = np.empty(0)
     message.axis_map = rows[np.asarray(message.coordinate, dtype=np.intp)].ravel()
 
 
@@ -38,7 +39,11 @@ MIGRATIONS: Mapping[tuple[str, frozenset[str], frozenset[str]], Callable[[Any], 
         frozenset({"dwell_s", "rapid", "events"}),
     ): _migrate_segment,
     ("feedopt_msgs/msg/FeedProfileChunk", frozenset(), frozenset({"dwell_s", "solver"})): _migrate_chunk,
-    ("feedopt_msgs/msg/Machine", frozenset({"coordinate"}), frozenset({"axis_map"})): _migrate_machine,
+    (
+        "feedopt_msgs/msg/Machine",
+        frozenset({"coordinate"}),
+        frozenset({"axis_map", "tracking_error_reserve_mm"}),
+    ): _migrate_machine,
 }
 """Type, fields that only the bag has, fields that only this version has: what makes one of the other."""
 

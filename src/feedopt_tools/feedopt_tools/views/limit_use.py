@@ -83,9 +83,9 @@ def limit_use_of(signals: RunSignals) -> LimitUse:
         columns.append(signals.feedrate_mm_s / feed_limit)
     for key, name in _QUANTITY_NAMES.items():
         quantity = signals.quantities[key]
-        if quantity.commanded is None or quantity.limit is None:
+        if quantity.commanded is None or quantity.planned_limit is None:
             continue
-        for axis, limit in enumerate(quantity.limit):
+        for axis, limit in enumerate(quantity.planned_limit):
             if np.isfinite(limit) and limit > 0.0:
                 limits.append(Limit(key, axis, f"{signals.run.axis_names[axis]} {name}"))
                 columns.append(np.abs(quantity.commanded[:, axis]) / limit)

@@ -23,6 +23,7 @@ class Quantity:
         commanded: at the set points, shape (n, axes); None where the drive model is not known.
         measured: at the states, shape (m, axes); None for what is not measured.
         limit: one for each axis, infinity for an axis without one; None where no axis has one.
+        planned_limit: what a plan may use of it; the rest is left to the servo.
     """
 
     key: str
@@ -30,6 +31,7 @@ class Quantity:
     commanded: FloatArray | None
     measured: FloatArray | None
     limit: tuple[float, ...] | None
+    planned_limit: tuple[float, ...] | None
 
     def limit_of(self, axis: int) -> float:
         """Limit of an axis; infinity without one."""
@@ -133,16 +135,17 @@ def _quantities(run: RunData) -> dict[str, Quantity]:
     error_limit = _thousandfold(machine.tracking_error_limit_mm) if machine else None
     acceleration = setpoints.acceleration_mm_s2
     rows = [
-        Quantity("velocity", "velocity, mm/s", setpoints.velocity_mm_s, None, velocity_limit),
-        Quantity("acceleration", "acceleration, mm/s²", acceleration, None, acceleration_limit),
-        Quantity("jerk", "jerk, mm/s³", jerk, None, jerk_limit),
-        Quantity("control_signal", "control signal, V", volts, measured[0], control_limit),
+        Quantity("velocity", "velocity, mm/s", setpoints.velocity_mm_s, None, velocity_limit, velocity_limit),
+        Quantity("acceleration", "acceleration, mm/s²", acceleration, None, acceleration_limit, acceleration_limit),
+        Quantity("jerk", "jerk, mm/s³", jerk, None, jerk_limit, jerk_limit),
+        Quantity("control_signal", "control signal, V", volts, measured[0], control_limit, control_limit),
         Quantity(
             "tracking_error",
             "tracking error, µm",
             None if error_mm is None else 1e3 * error_mm,
             None if measured[1] is None else 1e3 * measured[1],
             error_limit,
+            _thousandfold(machine.planned_tracking_error_mm) if machine else None,
         ),
     ]
     return {row.key: row for row in rows}

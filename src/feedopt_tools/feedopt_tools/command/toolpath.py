@@ -1,0 +1,113 @@
+"""``feedopt toolpath``: what a program holds and what smoothing makes of it; no limits, no motion."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from feedopt_core.config.machine import load_machine
+from feedopt_core.errors import ConfigError
+from feedopt_core.smoothing.layers import LayerTransitions
+from feedopt_core.survey import SurveyFigures, survey_figures, survey_program
+from feedopt_tools.command.exit_codes import FAILURE, OK
+from feedopt_tools.command.options import tolerance_option, transition_options
+from feedopt_tools.views.errors import ViewError
+
+if TYPE_CHECKING:
+    from feedopt_tools.views.survey_scene import SurveyScene
+
+
+@click.command()
+@click.argument("program", type=click.Path(path_type=Path))
+@click.option(
+    "--machine", metavar="FILE|NAME", help="Machine that gives the number of coordinates; its limits play no part."
+)
+@tolerance_option
+@transition_options
+@click.option("--view", is_flag=True, help="Open the path in the Rerun viewer.")
+@click.option("--json", "report", type=click.Path(path_type=Path, dir_okay=False), help="JSON file for the figures.")
+@click.option("--save", type=click.Path(path_type=Path, dir_okay=False), help="Where to put the .rrd.")
+@click.option("--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Draw the path into a PNG.")
+def command(
+    program: Path,
+    machine: str | None,
+    tolerance_mm: float,
+    transition_reach_mm: float,
+    transition_side: str,
+    *,
+    view: bool,
+    report: Path | None,
+    save: Path | None,
+    screenshot: Path | None,
+) -> None:
+    """Say what PROGRAM holds: moves, corners, stops, and the smoothed path with its deviation.
+
+    Fails where the smoothed path leaves the tolerance.
+    """
+    transitions = LayerTransitions.wished(transition_reach_mm, transition_side)
+    survey = survey_program(program, load_machine(machine).dimensions if machine else None, tolerance_mm, transitions)
+    figures = survey_figures(survey)
+    _show_figures(figures)
+    if report is not None:
+        try:
+            report.write_text(json.dumps(figures_document(figures), indent=1) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"{error.filename}: cannot be written: {error.strerror}") from error
+    if view or save is not None or screenshot is not None:
+        try:
+            from feedopt_tools.views.survey_scene import survey_scene
+
+            _show(survey_scene(program.name, survey), view=view, save=save, screenshot=screenshot)
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] not in ("rerun", "pyarrow"):
+                raise
+            raise ViewError(
+                "Rerun is not installed: pip install rerun-sdk, or run ./feedopt once to set it up"
+            ) from error
+    sys.exit(OK if survey.deviation is None or survey.deviation.holds else FAILURE)
+
+
+def figures_document(figures: SurveyFigures) -> dict[str, object]:
+    """Figures as JSON types: what is infinite is null."""
+    document = asdict(figures)
+    if math.isinf(figures.smallest_radius_mm):
+        document["smallest_radius_mm"] = None
+    return document
+
+
+def _show_figures(figures: SurveyFigures) -> None:
+    from feedopt_tools.views.survey_scene import survey_rows
+
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name, text in survey_rows(figures):
+        table.add_row(name, text)
+    Console().print(table, highlight=False)
+
+
+def _show(scene: SurveyScene, *, view: bool, save: Path | None, screenshot: Path | None) -> None:
+    from feedopt_tools.views.picture import draw_survey_picture
+    from feedopt_tools.views.survey_recording import save_survey
+    from feedopt_tools.views.viewer import open_viewer
+
+    if screenshot is not None:
+        picture = draw_survey_picture(scene, screenshot)
+        click.echo(f"{picture.path} by {picture.drawn_by}" + (f" ({picture.reason})" if picture.reason else ""))
+    if save is None and not view:
+        return
+    # The viewer reads the file after this command has ended.
+    recording = save or Path(tempfile.mkdtemp(prefix="feedopt-")) / f"{Path(scene.name).stem}.rrd"
+    save_survey(scene, recording)
+    if view:
+        opened = open_viewer(recording)
+        click.echo(opened.hint or f"{recording} is open in the viewer")
+    else:
+        click.echo(str(recording))
