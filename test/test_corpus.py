@@ -68,8 +68,9 @@ FAMILIES: dict[str, Callable[..., Points]] = {
 
 def program_text(problem: dict[str, Any]) -> str:
     """Text of a row's program."""
-    if "text" in problem:
-        return str(problem["text"])
+    for key in ("text", "gcode"):
+        if key in problem:
+            return str(problem[key])
     points = problem["points"]
     if isinstance(points, dict):
         numbers = dict(points)
@@ -93,12 +94,15 @@ def assert_holds(plan: Plan, machine: Machine, expect: dict[str, Any]) -> None:
     assert plan.setpoints.s_mm[-1] == pytest.approx(plan.toolpath.end_mm, abs=1e-9)
     assert not any(chunk.figures.fallback for chunk in plan.chunks)
     assert plan.motion_time_s <= expect.get("max_time_s", np.inf)
+    assert plan.deviation is None or plan.deviation.holds
+    if "stops" in expect:
+        assert len(plan.toolpath.exact_stops_mm()) == expect["stops"]
 
 
 @pytest.mark.parametrize("problem", rows())
 def test_problem(problem: dict[str, Any], tmp_path: Path) -> None:
     machine, expect = load_machine(problem["machine"]), problem["expect"]
-    program = tmp_path / "program.csv"
+    program = tmp_path / ("program.ngc" if "gcode" in problem else "program.csv")
     program.write_text(program_text(problem), encoding="utf-8")
     if "error" not in expect:
         assert_holds(plan_program(program, machine, PlannerParameters()), machine, expect)
@@ -116,12 +120,10 @@ def test_rows_are_complete() -> None:
     names = [problem["name"] for problem in PROBLEMS]
     assert len(set(names)) == len(names)
     for problem in PROBLEMS:
-        assert problem.keys() in (
-            {"name", "remark", "machine", "points", "expect"},
-            {"name", "remark", "machine", "text", "expect"},
-        )
+        assert len(problem.keys() & {"points", "text", "gcode"}) == 1
+        assert problem.keys() - {"points", "text", "gcode"} == {"name", "remark", "machine", "expect"}
         assert problem["remark"]
-        assert problem["expect"].keys() <= {"holds", "max_time_s"} or problem["expect"].keys() <= {
+        assert problem["expect"].keys() <= {"holds", "max_time_s", "stops"} or problem["expect"].keys() <= {
             "error",
             "line",
             "column",

@@ -161,7 +161,8 @@ def test_runs_get_a_folder_of_their_own(monkeypatch: pytest.MonkeyPatch, tmp_pat
 
 
 def test_the_planner_has_the_parameters_of_its_file() -> None:
-    assert planner_parameters("").method == planner_parameters("lp").method == "lp"
+    assert planner_parameters("").method == "lp_nlp"
+    assert planner_parameters("lp").method == "lp"
 
 
 def test_checks_come_in_the_order_of_their_cost() -> None:

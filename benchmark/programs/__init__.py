@@ -1,0 +1,1 @@
+"""Programs as users have them, from file to audited plan."""

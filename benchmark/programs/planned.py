@@ -1,0 +1,83 @@
+"""One program from its file to an audited plan, with the figures of every step."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from feedopt_core.audit.fine_grid import audit_profile
+from feedopt_core.audit.report import merge
+from feedopt_core.audit.setpoints import audit_setpoints
+from feedopt_core.config.machine import Machine
+from feedopt_core.errors import FeedoptError
+from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
+from feedopt_core.interpolation.setpoints import InterpolatorParameters
+from feedopt_core.path.segments import Segment
+from feedopt_core.path.toolpath import Toolpath
+from feedopt_core.plan import interpolate
+from feedopt_core.survey import Survey, survey_program
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A plan for a path.
+
+    Attributes:
+        time_s: from rest to rest.
+        planning_s: wall time of the planner alone.
+        windows, fallbacks: planned windows, and those that took the stop of the one before for want of a plan.
+        worst_ratio: to a limit, on the fine grid and at the set points.
+        holds: the audit's verdict.
+    """
+
+    time_s: float
+    planning_s: float
+    windows: int
+    fallbacks: int
+    worst_ratio: float
+    holds: bool
+
+
+@dataclass(frozen=True)
+class ProgramRun:
+    """A program as far as it came; ``failure`` says what ended it, empty where nothing did."""
+
+    name: str
+    survey: Survey | None = None
+    motion: Motion | None = None
+    failure: str = ""
+
+
+def run_program(
+    name: str, path: Path, machines: dict[int, Machine], parameters: PlannerParameters, tolerance_mm: float
+) -> ProgramRun:
+    """Read, smooth and plan a program on the machine for as many coordinates as it needs."""
+    survey = None
+    try:
+        survey = survey_program(path, tolerance_mm=tolerance_mm)
+        machine = machines[survey.dimensions]
+        return ProgramRun(name, survey, plan_segments(survey.segments, machine, parameters))
+    except FeedoptError as error:
+        return ProgramRun(name, survey, failure=f"{type(error).__name__}: {error}")
+
+
+def plan_segments(segments: Sequence[Segment], machine: Machine, parameters: PlannerParameters) -> Motion:
+    """Plan and audit a whole path. Raises what the planner raises."""
+    planner, toolpath, chunks = StreamPlanner(machine, parameters), Toolpath(), []
+    planning_s = 0.0
+    for segment in segments:
+        toolpath.append(segment)
+        began_s = time.perf_counter()
+        planner.add_segment(segment)
+        while (chunk := planner.next_chunk()) is not None:
+            chunks.append(chunk)
+            planner.discard_before(chunk.s_start_mm)
+        planning_s += time.perf_counter() - began_s
+    setpoints = interpolate(toolpath, chunks, machine)
+    fine = [audit_profile(toolpath, chunk.profile, machine, chunk.t_start_s) for chunk in chunks]
+    period_s = InterpolatorParameters().period_s
+    audit = merge([*fine, audit_setpoints(setpoints.position_mm, setpoints.s_mm, period_s, machine)])
+    fallbacks = sum(chunk.figures.fallback for chunk in chunks)
+    return Motion(planner.committed_t_s, planning_s, len(chunks), fallbacks, audit.worst.ratio, audit.holds)

@@ -1,0 +1,65 @@
+"""How fast programs of many short lines are read and smoothed, and the memory that takes, as a stream."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+
+from feedopt_core.toolpath.program import open_program, read_moves, read_program
+
+_KILOBYTES_A_MEGABYTE = 1024.0
+
+
+@dataclass(frozen=True)
+class ReadingFigures:
+    """One program read as a stream.
+
+    Attributes:
+        lines: of the program.
+        parse_s: processor time from the file to moves.
+        whole_s: processor time from the file to segments.
+        first_segment_s: the part of that until the first segment.
+        segments: how many there are.
+        memory_mb: largest resident memory of the process; ``start_mb`` before it read anything.
+    """
+
+    lines: int
+    parse_s: float
+    whole_s: float
+    first_segment_s: float
+    segments: int
+    memory_mb: float
+    start_mb: float
+
+
+def measure_reading(path: Path, warm_up: Path, tolerance_mm: float) -> ReadingFigures:
+    """Read a program in a process of its own, behind a small one that loads what is compiled."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(_measure, (path, warm_up, tolerance_mm))
+
+
+def _measure(path: Path, warm_up: Path, tolerance_mm: float) -> ReadingFigures:
+    deque(read_program(open_program(warm_up), str(warm_up), 2, tolerance_mm), maxlen=0)
+    start_mb = _peak_mb()
+    began_s = time.process_time()
+    first_s, segments = 0.0, 0
+    for _ in read_program(open_program(path), str(path), 2, tolerance_mm):
+        first_s = first_s or time.process_time() - began_s
+        segments += 1
+    whole_s, memory_mb = time.process_time() - began_s, _peak_mb()
+    began_s = time.process_time()
+    deque(read_moves(open_program(path), str(path)), maxlen=0)
+    parse_s = time.process_time() - began_s
+    with path.open("rb") as file:
+        lines = sum(1 for _ in file)
+    return ReadingFigures(lines, parse_s, whole_s, first_s, segments, memory_mb, start_mb)
+
+
+def _peak_mb() -> float:
+    """Largest resident memory of this process; ``getrusage`` would count that of the one it was forked from."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    line = next(line for line in status.splitlines() if line.startswith("VmHWM:"))
+    return int(line.split()[1]) / _KILOBYTES_A_MEGABYTE

@@ -1,0 +1,1 @@
+"""Replay regression: every stage fed its recorded inputs again, every output message compared with the recorded one."""

@@ -1,0 +1,171 @@
+"""The stages of the pipeline, each fed its recorded inputs through the conversions and the core that its node uses.
+
+What a node takes from the clock is taken from the recording: which chunk the interpolator knew at which tick, and after
+which stop the planner planned anew. Everything else follows from the inputs.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from sensor_msgs.msg import JointState
+
+from feedopt_core.feedrate.chunk import Chunk
+from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
+from feedopt_core.interpolation.setpoints import InterpolatorParameters, SetpointStream
+from feedopt_core.smoothing.layers import LayerTransitions
+from feedopt_core.toolpath.program import SUFFIXES, Program, read_program
+from feedopt_interpolator.conversions import SetpointRows
+from feedopt_interpolator.setpoint_buffer import BLOCK_TICKS
+from feedopt_msgs.msg import AxisSetpoint, AxisState
+from feedopt_node.conversions import (
+    chunk_from_message,
+    chunk_to_message,
+    machine_to_message,
+    segment_from_message,
+    segment_to_message,
+)
+from feedopt_planner.conversions import DisplayPath
+from feedopt_tools.replay.columns import Columns
+from feedopt_tools.replay.recorded_program import ProgramText, RecordedProgram
+from router_sim.conversions import fill_joint_state, fill_state, setpoint_rows
+from router_sim.machine_file import load_router_parameters
+from router_sim.router import SimulatedRouter
+
+_JOIN_MM = 1e-6
+# A changed core may never come to an end of the motion; that many ticks behind the recorded end are enough to see it.
+_OVERRUN_TICKS = 1000
+
+Outputs: TypeAlias = Mapping[str, Columns]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage: the node it stands for, the topics it needs and makes, and what fills the latter."""
+
+    node: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    run: Callable[[RecordedProgram, Outputs], None]
+
+
+def run_toolpath(recorded: RecordedProgram, outputs: Outputs) -> None:
+    """Program text to segments, and the path for display."""
+    program = recorded.program()
+    tolerance_mm = program.tolerance_mm or recorded.number("toolpath", "tolerance_mm")
+    display = DisplayPath(recorded.number("toolpath", "display_spacing_mm"))
+    transitions = LayerTransitions.wished(program.transition_reach_mm, program.transition_side)
+    dimensions = recorded.machine().dimensions
+    for segment in read_program(_opened(program), program.name, dimensions, tolerance_mm, transitions):
+        outputs["/toolpath"].add(segment_to_message(segment, recorded.program_id))
+        display.add(segment)
+    outputs["/toolpath_display"].add(display.to_message(0))
+
+
+def _opened(program: ProgramText) -> Program:
+    """The program as the node opened it: its kind told by the suffix, or by its content where it has none."""
+    kind = SUFFIXES.get(Path(program.name).suffix.lower())
+    if kind is None:
+        return Program.from_text(program.text)
+    return Program(kind, program.text.splitlines(keepends=True))
+
+
+def run_planner(recorded: RecordedProgram, outputs: Outputs) -> None:
+    """Segments to chunks: as the node does, one segment at a time when there is nothing to plan without it."""
+    machine = recorded.machine()
+    outputs["/machine"].add(machine_to_message(machine))
+    planner = StreamPlanner(machine, recorded.parameters("planner", PlannerParameters))
+    segments = deque(segment_from_message(message) for message in recorded.messages("/toolpath"))
+    restarts = restarts_of([chunk_from_message(message) for message in recorded.messages("/feed_profile")])
+    made = outputs["/feed_profile"]
+    while True:
+        stopped = restarts.pop(made.count, 0)
+        if stopped:
+            planner.restart_after_stop(stopped)
+        chunk = planner.next_chunk()
+        if chunk is not None:
+            made.add(chunk_to_message(chunk, recorded.program_id))
+        elif segments:
+            planner.add_segment(segments.popleft())
+        elif made.count not in restarts:
+            return
+
+
+def restarts_of(chunks: list[Chunk]) -> dict[int, int]:
+    """Where a chunk starts at an earlier chunk's stop instead of its commitment: the machine had taken that stop.
+
+    Returns:
+        Index of the chunk that starts anew, to the sequence of the chunk whose stop was taken.
+    """
+    found = {}
+    for index in range(1, len(chunks)):
+        start_mm = chunks[index].s_start_mm
+        if abs(start_mm - chunks[index - 1].s_commit_mm) <= _JOIN_MM:
+            continue
+        stops = [chunk.sequence for chunk in chunks[:index] if abs(chunk.s_stop_mm - start_mm) <= _JOIN_MM]
+        if stops:
+            found[index] = stops[-1]
+    return found
+
+
+def run_interpolator(recorded: RecordedProgram, outputs: Outputs) -> None:
+    """Segments and chunks to set points, in the blocks of the node; a chunk comes when the recording first used it."""
+    stream = SetpointStream(recorded.machine(), recorded.parameters("interpolator", InterpolatorParameters))
+    for message in recorded.messages("/toolpath"):
+        stream.add_segment(segment_from_message(message))
+    chunks = deque(chunk_from_message(message) for message in recorded.messages("/feed_profile"))
+    used = np.maximum.accumulate(
+        np.array(recorded.columns("/axis_setpoint").values.get("chunk_sequence", [0]), dtype=np.int64)
+    )
+    # A program that was given up has no last chunk: it ended at rest in a stop, as the recording shows.
+    given_up = not any(chunk.last for chunk in chunks)
+    made, message = outputs["/axis_setpoint"], AxisSetpoint(program_id=recorded.program_id)
+    finished = False
+    while not finished and made.count < len(used) + _OVERRUN_TICKS:
+        latest = int(used[min(made.count + BLOCK_TICKS, len(used)) - 1])
+        # The rest before the motion needs the first chunk to be there.
+        while chunks and chunks[0].sequence <= max(latest, 1):
+            stream.add_chunk(chunks.popleft())
+        block = stream.next_block(BLOCK_TICKS)
+        if block is None:
+            return
+        ended = given_up and made.count + len(block.tick) >= len(used)
+        rows = SetpointRows(replace(block, finished=True) if ended else block)
+        for row in range(len(rows)):
+            rows.fill(row, message)
+            message.sequence = made.count + 1
+            made.add(message)
+        finished = rows.finished
+
+
+def run_router_sim(recorded: RecordedProgram, outputs: Outputs) -> None:
+    """Set points to axis states and joint states."""
+    with tempfile.TemporaryDirectory(prefix="feedopt-replay-") as folder:
+        drives = load_router_parameters(str(recorded.write_machine(Path(folder))))
+    router, every = SimulatedRouter(drives), int(recorded.number("router_sim", "joint_state_ticks"))
+    state, joints = AxisState(), JointState(name=list(drives.axis_names))
+    made = outputs["/axis_state"]
+    for setpoint in recorded.messages("/axis_setpoint"):
+        position_mm, velocity_mm_s, acceleration_mm_s2 = setpoint_rows(setpoint)
+        if setpoint.sequence == 1:
+            router.reset(position_mm)
+        fill_state(state, setpoint, made.count + 1, router.step(position_mm, velocity_mm_s, acceleration_mm_s2))
+        if made.count % every == 0:
+            fill_joint_state(joints, state)
+            outputs["/joint_states"].add(joints)
+        made.add(state)
+
+
+STAGES = (
+    Stage("toolpath", (), ("/toolpath", "/toolpath_display"), run_toolpath),
+    Stage("planner", ("/toolpath",), ("/machine", "/feed_profile"), run_planner),
+    Stage("interpolator", ("/toolpath", "/feed_profile"), ("/axis_setpoint",), run_interpolator),
+    Stage("router_sim", ("/axis_setpoint",), ("/axis_state", "/joint_states"), run_router_sim),
+)
+"""In the order of the pipeline: the first that differs is the one to look at."""
