@@ -23,10 +23,11 @@ from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
 from feedopt_core.path.segments import Segment
 from feedopt_core.path.toolpath import Toolpath
 from feedopt_core.plan import interpolate, plan_program
-from feedopt_core.toolpath.program import open_program, read_program
+from feedopt_core.toolpath.program import Program, open_program, read_program
 
 MACHINE = kinematic_machine(feed=80.0)
 SHORT_WINDOWS = PlannerParameters(look_ahead_mm=20.0, commitment_mm=12.0)
+ALL = set(range(1, 100))
 WAVE = [(6.0 * k, 5.0 * np.sin(0.9 * k)) for k in range(22)]
 
 
@@ -232,16 +233,28 @@ def test_window_without_a_plan_takes_the_stop_and_goes_on(
     assert setpoints.s_mm[-1] == pytest.approx(planned.toolpath.end_mm, abs=1e-9)
 
 
-def test_first_window_without_a_plan_is_an_error() -> None:
+def test_window_from_rest_without_a_plan_is_halved_until_a_part_has_one() -> None:
+    """At rest there is no stop to fall back on, and the program goes on all the same."""
+    planned = plan_path(MACHINE, spline(WAVE), SHORT_WINDOWS, Spoiled(fails, {1, 2}))
+    first, second = planned.chunks[:2]
+    assert first.figures.fallback and not second.figures.fallback
+    assert first.s_commit_mm == first.s_stop_mm == pytest.approx(0.25 * second.s_stop_mm, rel=0.3)
+    assert planned.fine_audit().holds
+    after_a_fallback = plan_path(MACHINE, spline(WAVE), SHORT_WINDOWS, Spoiled(fails, {2, 3}))
+    assert [chunk.figures.fallback for chunk in after_a_fallback.chunks[:4]] == [False, True, True, False]
+    assert after_a_fallback.fine_audit().holds
+
+
+def test_path_of_which_no_part_has_a_plan_is_an_error() -> None:
     with pytest.raises(SolverError, match="no plan in this window"):
-        plan_path(MACHINE, spline(WAVE), SHORT_WINDOWS, Spoiled(fails, {1}))
+        plan_path(MACHINE, spline(WAVE), SHORT_WINDOWS, Spoiled(fails, ALL))
     with pytest.raises(InfeasibleLimitsError, match="no motion"):
-        plan_path(MACHINE, spline(WAVE), SHORT_WINDOWS, Spoiled(finds_nothing, {1}))
+        plan_path(MACHINE, spline(WAVE), SHORT_WINDOWS, Spoiled(finds_nothing, ALL))
 
 
-def test_first_plan_that_fails_its_audit_is_never_published() -> None:
+def test_plan_that_fails_its_audit_is_never_published() -> None:
     with pytest.raises(SolverError, match=r"fails its audit: \w+ of .*1\.0\d+ times its limit at s = "):
-        plan_path(MACHINE, spline(WAVE), SHORT_WINDOWS, Spoiled(too_fast, {1}))
+        plan_path(MACHINE, spline(WAVE), SHORT_WINDOWS, Spoiled(too_fast, ALL))
 
 
 def test_plan_whose_certificate_is_not_a_number_is_never_published() -> None:
@@ -250,10 +263,18 @@ def test_plan_whose_certificate_is_not_a_number_is_never_published() -> None:
         plan_path(unknown, spline(WAVE), SHORT_WINDOWS, Spoiled(fails, set()))
 
 
-def test_window_after_a_fallback_must_succeed() -> None:
-    """At rest there is no stop left to fall back on."""
-    with pytest.raises(SolverError, match="no plan in this window"):
-        plan_path(MACHINE, spline(WAVE), SHORT_WINDOWS, Spoiled(fails, {2, 3}))
+def test_program_of_corners_of_a_micrometre_has_a_plan_in_every_window() -> None:
+    """Feedrates from 150 mm/s on the sides to 1 mm/s in the corners of one window."""
+    lines = ["G21 G90 G17 F9000 G64 P0.001"]
+    lines += [f"G1 X{20 * k + 10 * (k % 3 == 0)} Y{15 * (k % 2) + 0.3 * (k % 5)}" for k in range(1, 25)]
+    text = "\n".join([*lines, "M2", ""])
+    for name in ("case_a", "router_simulation"):
+        machine = load_machine(name)
+        segments = list(read_program(Program.from_text(text), "corners.ngc", machine.dimensions, 0.001))
+        planned = plan_path(machine, segments, PlannerParameters())
+        assert len(planned.chunks) >= 3
+        assert {chunk.figures.solver for chunk in planned.chunks} == {"nlp"}
+        assert planned.fine_audit().holds
 
 
 def test_restart_after_a_stop_goes_on_from_there() -> None:

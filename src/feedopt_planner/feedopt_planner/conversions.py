@@ -75,7 +75,7 @@ def chunk_diagnostics(chunk: Chunk, now_ns: int) -> DiagnosticArray:
     status = DiagnosticStatus(
         level=DiagnosticStatus.WARN if figures.fallback else DiagnosticStatus.OK,
         name="planner",
-        message="no new plan: the stop of the chunk before is committed" if figures.fallback else "planned",
+        message="no plan for the window: it ends in a stop" if figures.fallback else "planned",
         values=[KeyValue(key=key, value=value) for key, value in values.items()],
     )
     array = DiagnosticArray(status=[status])

@@ -50,7 +50,11 @@ class Certificate:
 
 @dataclass(frozen=True)
 class SolverFigures:
-    """What the plan of one window took; ``solver`` is the one that found it."""
+    """What the plan of one window took; ``solver`` is the one that found it.
+
+    ``fallback``: the window had no plan, so the chunk ends in a stop that the path does not ask for: the stop of the
+    chunk before, or from rest the end of a shorter window.
+    """
 
     method: str
     solver: str

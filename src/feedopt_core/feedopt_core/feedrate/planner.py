@@ -8,6 +8,7 @@ feasible stop, whatever happens to the stream, the solver or the time it takes; 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,6 +28,7 @@ from feedopt_core.path.toolpath import Toolpath
 _STOPS_OF_LOOK_AHEAD = 1.25
 _STOPS_OF_COMMITMENT = 5.0
 _LEAST_LOOK_AHEAD_MM = 5.0
+_HALVINGS = 6
 
 
 @dataclass(frozen=True)
@@ -127,26 +129,43 @@ class StreamPlanner:
         target = self._target()
         if target is None:
             return None
-        start_mm, end_mm, commit_all = target
-        began = time.perf_counter()
-        fallback = False
-        try:
-            window = Window(start_mm, end_mm, self._committed.state, self._committed.stop, spare_end=not commit_all)
-            plan = self._method.plan(self.toolpath, window)
-        except (SolverError, InfeasibleLimitsError):
-            if self._committed.stop is None:
-                raise
-            plan, fallback = self._fallback(self._committed.stop)
-        solved = time.perf_counter()
-        chunk, worst = self._chunk(plan, commit_all, fallback, solved - began)
-        # Not a number must not pass either.
+        began, failure = time.perf_counter(), None
+        for window, commit_all, shortened in self._windows(*target):
+            try:
+                plan = self._method.plan(self.toolpath, window)
+            except (SolverError, InfeasibleLimitsError) as error:
+                failure = error
+                continue
+            chunk, worst = self._chunk(plan, commit_all, shortened, time.perf_counter() - began)
+            # Not a number must not pass either.
+            if worst <= ALLOWED_RATIO:
+                self._commit(chunk)
+                return chunk
+            failure = SolverError(_audit_failure(chunk))
+        if self._committed.stop is None:
+            assert failure is not None
+            raise failure
+        # The stop committed before is a plan that was audited: go on with it and plan again from rest.
+        stop = WindowPlan(self._committed.stop, "stop", 0, 0, 0)
+        chunk, worst = self._chunk(stop, target[2], True, time.perf_counter() - began)
         if not worst <= ALLOWED_RATIO:
-            if self._committed.stop is None or fallback:
-                raise SolverError(_audit_failure(chunk))
-            plan, fallback = self._fallback(self._committed.stop)
-            chunk, worst = self._chunk(plan, commit_all, fallback, solved - began)
+            raise SolverError(_audit_failure(chunk))
         self._commit(chunk)
         return chunk
+
+    def _windows(self, start_mm: float, end_mm: float, commit_all: bool) -> Iterator[tuple[Window, bool, bool]]:
+        """Windows to try, each with whether all of it may be committed and whether it was shortened.
+
+        In motion only the first counts: behind it stands the committed stop. At rest there is none, so a window without
+        a plan is halved: where numbers get in the way of a long one, a few of its parts still have theirs.
+        """
+        at_rest = self._committed.stop is None and not self._method.whole_path
+        for halvings in range(_HALVINGS + 1 if at_rest else 1):
+            shortened = halvings > 0
+            end = start_mm + (end_mm - start_mm) / 2**halvings
+            spare_end = not commit_all and not shortened
+            window = Window(start_mm, end, self._committed.state, self._committed.stop, spare_end=spare_end)
+            yield window, commit_all or shortened, shortened
 
     def restart_after_stop(self, chunk_sequence: int) -> None:
         """Plan on from rest where a chunk's stop ended: the machine took it because no further chunk came in time.
@@ -226,11 +245,6 @@ class StreamPlanner:
         if stop is not None:
             self._stops[chunk.sequence] = (chunk.s_stop_mm, chunk.t_start_s + chunk.profile.duration_s)
         self.finished = chunk.last
-
-    @staticmethod
-    def _fallback(stop: FeedProfile) -> tuple[WindowPlan, bool]:
-        """The stop committed before is a plan that was audited: go on with it and plan again from rest."""
-        return WindowPlan(stop, "stop", 0, 0, 0), True
 
 
 def _audit_failure(chunk: Chunk) -> str:

@@ -91,6 +91,10 @@ class TimeOptimalMethod:
         for _ in range(_REPAIRS):
             solution = solve.minimum_time(before, guess, cautious=robust)
             iterations += solution.iterations
+            dips = solve.dips(solution.control_points)
+            if np.any(dips > 1.0):
+                solve, before = WindowSolve(self.limits, toolpath, window, solve.split_knots(dips)), None
+                continue
             profile = solve.profile(solution.control_points)
             excess = limit_ratios(toolpath, self.limits, profile[solve.spline_elements])
             worst = float(np.max(excess))

@@ -11,7 +11,7 @@ from feedopt_core.errors import SolverError
 from feedopt_core.feedrate.mesh import KnotSpacing, QuadraticSpline, graded_knots
 from feedopt_core.feedrate.method import Window
 from feedopt_core.feedrate.profile import ElementKind, FeedProfile
-from feedopt_core.limits.axis_limits import KinematicLimits, MotionLimits, axis_geometry, q_limit, span_points
+from feedopt_core.limits.axis_limits import KinematicLimits, MotionLimits, axis_geometry, span_points, steady_q_limit
 from feedopt_core.limits.derived import attainable_limits
 from feedopt_core.limits.rest import rest_length_mm, rest_scale_limit
 from feedopt_core.limits.rows import limit_rows, release_start_state
@@ -24,8 +24,10 @@ _MARGIN = 5e-4
 _RELAXED_MM = 20.0
 SPLIT_ABOVE = 1.01
 """Ratio to a limit between the points from which on knots are split; below it the limits are lowered there."""
-_LOW, _VERY_LOW = 0.3, 0.02
+_LOW, _VERY_LOW = 0.5, 0.02
 """Parts of the largest q known beforehand that the optimisation starts from."""
+_RAMP = 0.5
+"""Part of acceleration and jerk that the start of the optimisation uses to leave a slow place."""
 
 
 def window_knots(limits: KinematicLimits, toolpath: Toolpath, window: Window, spacing_mm: float) -> FloatArray:
@@ -121,17 +123,7 @@ class WindowSolve:
         """Starting points, the best first; those made here are below every limit known beforehand."""
         if before is not None:
             yield before
-        knots = self.spline.knots_mm
-        s = np.concatenate([knots[:1], (knots[:-1] + knots[1:]) / 2.0, knots[-1:]])
-        bound = q_limit(self.geometry, attainable_limits(self.limits)) * self.scale**2
-        ceiling = np.concatenate([bound[0, :1], np.min(bound, axis=0), bound[-1, -1:]])
-        for rest, at_mm, edge in (
-            (problem.start, self.window.start_mm, knots[0]),
-            (problem.end, self.window.end_mm, knots[-1]),
-        ):
-            if isinstance(rest, RestEnd):
-                p = rest.outer_limit / abs(edge - at_mm) ** (4.0 / 3.0)
-                ceiling = np.minimum(ceiling, p * np.abs(s - at_mm) ** (4.0 / 3.0))
+        s, ceiling = self._ceiling(problem)
         low = _LOW * ceiling
         if guess is not None:
             inside = (s >= guess.s_mm[0]) & (s <= guess.s_mm[-1])
@@ -140,6 +132,36 @@ class WindowSolve:
             yield warm
         yield low
         yield _VERY_LOW * ceiling
+
+    def _ceiling(self, problem: TimeProblem) -> tuple[FloatArray, FloatArray]:
+        """Places of the control points, shape (m + 2,), and a q there that a motion could about have.
+
+        It is at most what each place allows at a steady feed, and near a slow place, such as a sharp corner or rest, at
+        most what a part of acceleration and jerk reach from there: q grows by 2 a ds, and as s^(4/3) from rest. From a
+        start without such cones the optimisation does not find its way out of windows whose q spans five decades.
+        """
+        knots, reach = self.spline.knots_mm, attainable_limits(self.limits)
+        s = np.concatenate([knots[:1], (knots[:-1] + knots[1:]) / 2.0, knots[-1:]])
+        bound = steady_q_limit(self.geometry, reach) * self.scale**2
+        ceiling = np.concatenate([bound[0, :1], np.min(bound, axis=0), bound[-1, -1:]])
+        for rest, at_mm, edge in (
+            (problem.start, self.window.start_mm, knots[0]),
+            (problem.end, self.window.end_mm, knots[-1]),
+        ):
+            if isinstance(rest, RestEnd):
+                p = rest.outer_limit / abs(edge - at_mm) ** (4.0 / 3.0)
+                ceiling = np.minimum(ceiling, p * np.abs(s - at_mm) ** (4.0 / 3.0))
+        acceleration = _RAMP * float(np.min(reach.acceleration_mm_s2))
+        jerk = _RAMP * float(np.min(reach.jerk_mm_s3))
+        ceiling = _with_slope(ceiling, s, 2.0 * acceleration)
+        return s, _with_slope(ceiling**0.75, s, float(np.sqrt(4.5 * jerk))) ** (4.0 / 3.0)
+
+    def dips(self, control_points: FloatArray) -> FloatArray:
+        """2 where q falls to zero between the points of a span, which next to a very slow place it may, else 1."""
+        q, slope, bend = self.spline.start_of_spans(control_points)
+        lowest_mm = np.clip(-slope / np.where(bend > 0.0, bend, np.inf), 0.0, self.spline.widths_mm)
+        lowest = q + (slope + 0.5 * bend * lowest_mm) * lowest_mm
+        return np.where(lowest > 0.0, 1.0, 2.0)
 
     def profile(self, control_points: FloatArray) -> FeedProfile:
         """Profile of control points, shape (m + 2,), with the elements at rest."""
@@ -154,6 +176,13 @@ class WindowSolve:
             kind.insert(0, ElementKind.REST_START)
             elements = np.column_stack([[0.0, 0.0, 0.0, start_jerk], elements])
         return FeedProfile(np.array(kind, dtype=np.int64), self.knots, *elements)
+
+
+def _with_slope(values: FloatArray, s_mm: FloatArray, slope: float) -> FloatArray:
+    """Largest function below values that changes by at most slope a mm, shape (n,)."""
+    ramp = slope * s_mm
+    forward = ramp + np.minimum.accumulate(values - ramp)
+    return np.asarray(np.minimum.accumulate((forward + ramp)[::-1])[::-1] - ramp)
 
 
 def _rest_jerk(q_mm2_s2: float, width_mm: float) -> float:

@@ -128,3 +128,12 @@ def q_limit(geometry: AxisGeometry, limits: KinematicLimits) -> FloatArray:
     with np.errstate(divide="ignore"):
         axis = np.min(limits.velocity_mm_s.reshape(shape) / np.abs(geometry.g1), axis=0)
     return np.asarray(np.minimum(feed, axis) ** 2)
+
+
+def steady_q_limit(geometry: AxisGeometry, limits: KinematicLimits) -> FloatArray:
+    """Largest q at a steady feed, shape of the points, mm^2/s^2: acceleration and jerk of the bends count as well."""
+    shape = (-1,) + (1,) * geometry.feed_limit_mm_s.ndim
+    with np.errstate(divide="ignore", over="ignore"):
+        bend = limits.acceleration_mm_s2.reshape(shape) / np.abs(geometry.g2)
+        twist = (limits.jerk_mm_s3.reshape(shape) / np.abs(geometry.g3)) ** (2.0 / 3.0)
+    return np.asarray(np.minimum(q_limit(geometry, limits), np.min(np.minimum(bend, twist), axis=0)))

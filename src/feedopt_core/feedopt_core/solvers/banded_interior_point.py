@@ -36,6 +36,8 @@ _FIRST_GAP = 0.3
 _LEAST_SLACK = 0.5
 """Least slack of the first iterate."""
 _GOOD_ENOUGH = 1e-3
+_USABLE = 0.1
+"""What a cautious solve may leave: a feasible plan that is a little slow is better than a stop."""
 """Duality gap and dual residual of a feasible iterate that is taken when the iterations run out."""
 _FAILURES = {
     OUT_OF_ITERATIONS: "no convergence",
@@ -100,7 +102,7 @@ def minimise_time(
         cautious: take the convex part of the curvature and shorter steps in every iteration.
         tolerance: relative duality gap and dual residual to reach.
         feasibility: largest violation of a row to leave.
-        max_iterations: then a feasible iterate close to the optimum is taken too.
+        max_iterations: then a feasible iterate close to the optimum is taken too (less close when cautious).
 
     Raises:
         SolverError: no convergence; the limits may be infeasible. The message holds the residuals.
@@ -133,7 +135,8 @@ class _InteriorPoint:
 
     def solve(self, settings: Settings) -> TimeSolution:
         end, iterations, gap, dual, excess = iterate(self.rows, self.ends, self.at, self.system, self.size, settings)
-        good_enough = end == OUT_OF_ITERATIONS and excess < settings.feasibility and max(gap, dual) < _GOOD_ENOUGH
+        close = _USABLE if settings.cautious else _GOOD_ENOUGH
+        good_enough = end == OUT_OF_ITERATIONS and excess < settings.feasibility and max(gap, dual) < close
         if end == CONVERGED or good_enough:
             return TimeSolution(self.at.c, iterations, self.size)
         raise SolverError(

@@ -208,7 +208,7 @@ class _Report:
             ("method", chunks[0].figures.method),
             ("windows", str(len(chunks))),
             ("solvers", ", ".join(f"{name}: {count}" for name, count in solvers.most_common())),
-            ("windows without a new plan", str(sum(chunk.figures.fallback for chunk in chunks))),
+            ("windows without a plan", str(sum(chunk.figures.fallback for chunk in chunks))),
             ("solving, all windows", f"{np.sum(solve_s):.3f} s"),
             ("auditing, all windows", f"{np.sum(audit_s):.3f} s"),
             ("longest window", f"{1e3 * np.max(solve_s + audit_s):.1f} ms"),

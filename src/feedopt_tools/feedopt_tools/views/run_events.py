@@ -102,7 +102,7 @@ def _program_events(signals: RunSignals) -> Iterator[RunEvent]:
 def _chunk_events(signals: RunSignals) -> Iterator[RunEvent]:
     for chunk in signals.run.chunks:
         if chunk.figures.fallback:
-            text = f"chunk {chunk.sequence}: no new plan, commits the stop of the one before"
+            text = f"chunk {chunk.sequence}: no plan for its window, ends in a stop"
             yield RunEvent(chunk.t_start_s, chunk.s_start_mm, "planner", "WARN", text)
 
 
