@@ -20,7 +20,7 @@ from feedopt_core.config.locate import find_config
 from feedopt_core.toolpath.points_csv import read_points
 from feedopt_tools.bags.read_bag import read_bag
 from feedopt_tools.execute.client import ProgramRequest
-from feedopt_tools.execute.execution import RunEvents, RunOptions, execute_program
+from feedopt_tools.execute.execution import Execution, RunEvents, RunOptions, execute_program
 from feedopt_tools.execute.judgement import judge_run
 
 
@@ -33,7 +33,7 @@ def main(argv: list[str]) -> int:
     if arguments.laps < 1:
         parser.error("--laps must be at least 1")
     progress = Console(stderr=True)
-    load = os.getloadavg()[0]
+    load, stolen_s = os.getloadavg()[0], _stolen_s()
     with tempfile.TemporaryDirectory(prefix="feedopt-realtime-") as folder:
         program = Path(folder) / "laps.csv"
         program.write_text(laps_program(arguments.laps), encoding="utf-8")
@@ -41,9 +41,11 @@ def main(argv: list[str]) -> int:
         execution = execute_program(options, RunEvents(stage=progress.print, progress=lambda _: None))
         if execution.failure is not None:
             raise execution.failure
+        stolen_s = _stolen_s() - stolen_s
         judgement = judge_run(read_bag(execution.bag))
     punctuality = judgement.punctuality
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    table.add_row("result", _result(execution))
     table.add_row("motion time", f"{judgement.motion_time_s:.3f} s")
     table.add_row("set points", f"{punctuality.ticks}, missing {punctuality.missing_ticks}")
     table.add_row("lateness", f"p50 {1e6 * punctuality.p50_s:.0f} us, p99 {1e6 * punctuality.p99_s:.0f} us")
@@ -53,8 +55,23 @@ def main(argv: list[str]) -> int:
     table.add_row("worst ratio to a limit", f"{judgement.audit.worst.ratio:.4f} ({judgement.audit.worst.quantity})")
     table.add_row("recorder", f"{100.0 * judgement.recorder_cpu_ratio:.1f} % of a core")
     table.add_row("load before the run", f"{load:.2f}")
+    table.add_row("taken by other guests of the host", f"{stolen_s:.1f} s of processor time")
     Console().print(table)
-    return 0 if judgement.holds else 1
+    return 0 if judgement.holds and execution.succeeded else 1
+
+
+def _result(execution: Execution) -> str:
+    """How the program ended, and the nodes after it."""
+    outcome = execution.outcome
+    ended = "no answer" if outcome is None else "executed to its end" if outcome.succeeded else outcome.message
+    failed = [f"{name} ended with {code}" for name, code in execution.exit_codes.items() if code]
+    return "; ".join([ended, *failed, *execution.remarks])
+
+
+def _stolen_s() -> float:
+    """Processor time since the start of the system that the host gave to others, all cores."""
+    with open("/proc/stat", encoding="ascii") as statistics:
+        return int(statistics.readline().split()[8]) / os.sysconf("SC_CLK_TCK")
 
 
 def laps_program(laps: int) -> str:

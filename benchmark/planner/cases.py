@@ -18,6 +18,7 @@ from feedopt_core.path.segments import Segment
 from feedopt_core.toolpath.program import open_program, read_program
 
 _MESH_CONVERGED = 1e-3
+_THESIS_SPACING_MM = 0.5
 _FINEST_MM = 0.03
 _SCALE_M = (1.0, 10.0, 100.0, 250.0, 500.0, 750.0, 1000.0)
 
@@ -69,10 +70,12 @@ def drives(runs: int) -> Iterator[Row]:
         for method in ("lp", "lp_nlp"):
             yield _attempt(case, segments, machine, PlannerParameters(method=method), runs)
         yield from _converged(case, segments, machine)
-    yield _attempt("fan, v 150, u 10 V, e 0.02 mm", segments, limited, PlannerParameters(method="thesis"), 1)
+    thesis = PlannerParameters(method="thesis", knot_spacing_mm=_THESIS_SPACING_MM)
+    yield _attempt("fan, v 150, u 10 V, e 0.02 mm", segments, limited, thesis, 1)
     hand = hand_like()
-    for method in ("lp", "lp_nlp", "thesis"):
+    for method in ("lp", "lp_nlp"):
         yield _attempt("hand-like (own drawing)", hand, limited, PlannerParameters(method=method), runs)
+    yield _attempt("hand-like (own drawing)", hand, limited, thesis, 1)
 
 
 def table_3_1() -> Machine:

@@ -253,7 +253,7 @@ def test_recording_is_served_to_browsers_of_this_machine(
     finally:
         served.close()
     # Nobody listens any more; a connection that was still open when the server ended is reset.
-    with pytest.raises(OSError, match="refused|reset"):
+    with pytest.raises(OSError, match=r"refused|reset"):
         urllib.request.urlopen(served.url.partition("?")[0], timeout=5.0)
 
 
