@@ -51,7 +51,7 @@ def test_acceleration_of_the_thesis_router_is_limited_by_its_models_alone() -> N
     assert machine.velocity_limit_mm_s == (150.0, 150.0)
     assert machine.control_limit_volts == (10.0, 10.0)
     assert machine.tracking_error_limit_mm == (0.02, 0.02)
-    assert machine.planned_tracking_error_mm == (0.016, 0.02)
+    assert machine.planned_tracking_error_mm == (0.0155, 0.02)
     assert machine.acceleration_limit_mm_s2 == (math.inf, math.inf)
 
 

@@ -152,7 +152,7 @@ def _show(recording: Path, *, web: bool) -> None:
         click.echo(opened.hint or f"{recording} is open in the viewer")
         return
     served = serve_web(recording)
-    click.echo(f"{recording} is served at {served.url}; Ctrl-C ends it")
+    click.echo(f"{recording} is served until Ctrl-C at\n{served.url}")
     try:
         code = served.process.wait()
     except KeyboardInterrupt:
