@@ -70,8 +70,8 @@ def _result(execution: Execution) -> str:
 
 def _stolen_s() -> float:
     """Processor time since the start of the system that the host gave to others, all cores."""
-    with open("/proc/stat", encoding="ascii") as statistics:
-        return int(statistics.readline().split()[8]) / os.sysconf("SC_CLK_TCK")
+    first = Path("/proc/stat").read_text(encoding="ascii").partition("\n")[0]
+    return int(first.split()[8]) / os.sysconf("SC_CLK_TCK")
 
 
 def laps_program(laps: int) -> str:

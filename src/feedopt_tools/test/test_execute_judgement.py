@@ -13,7 +13,7 @@ from recorded_run import motion, write_run
 from feedopt_core.errors import ConfigError
 from feedopt_tools.bags.read_bag import read_bag
 from feedopt_tools.bags.run_data import RunData
-from feedopt_tools.execute.judgement import judge_run
+from feedopt_tools.execute.judgement import TrackingRow, judge_run
 
 SUMMARY = {"topics": {"/a": {"messages": 40}, "/b": {"messages": 2}}, "cpu_share_ratio": 0.125}
 
@@ -45,6 +45,12 @@ def test_tracking_compares_prediction_with_simulation(tmp_path: Path) -> None:
         assert row.simulated_rms_um == pytest.approx(np.sqrt(np.mean(error_um[:, axis] ** 2)), rel=1e-6)
         # The made-up error is the model's, with noise of 0.2 um.
         assert row.predicted_rms_um == pytest.approx(row.simulated_rms_um, abs=0.1)
+
+
+def test_drive_beyond_its_limit_is_named(tmp_path: Path) -> None:
+    assert [row.limit_um for row in judge_run(recorded(tmp_path, 12.0)).tracking] == [20.0, 20.0]
+    assert TrackingRow("X", 20.0, 16.0, 12.0, 20.01, 12.1).over
+    assert not TrackingRow("X", 20.0, 16.0, 12.0, 19.99, 12.1).over
 
 
 def test_a_broken_limit_does_not_hold(tmp_path: Path) -> None:

@@ -93,9 +93,13 @@ def _show(console: Console, judgement: Judgement) -> None:
     console.print(audit)
 
     tracking = Table(title="tracking error, um", title_justify="left")
-    for column in ("axis", "predicted max", "simulated max", "predicted rms", "simulated rms"):
+    for column in ("axis", "limit", "predicted max", "simulated max", "predicted rms", "simulated rms"):
         tracking.add_column(column, justify="left" if column == "axis" else "right")
     for entry in judgement.tracking:
         values = (entry.predicted_max_um, entry.simulated_max_um, entry.predicted_rms_um, entry.simulated_rms_um)
-        tracking.add_row(entry.axis, *(f"{value:.2f}" for value in values))
+        limit = f"{entry.limit_um:.2f}"
+        tracking.add_row(entry.axis, limit, *(f"{value:.2f}" for value in values), style="red" if entry.over else None)
     console.print(tracking)
+    for entry in judgement.tracking:
+        if entry.over:
+            console.print(f"broken: the plan holds, the simulated drive of {entry.axis} exceeds its limit", style="red")

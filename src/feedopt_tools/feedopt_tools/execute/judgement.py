@@ -32,13 +32,22 @@ class Punctuality:
 
 @dataclass(frozen=True)
 class TrackingRow:
-    """Tracking error of one axis, um: predicted by the machine's model, and simulated; NaN: not known."""
+    """Tracking error of one axis, um: predicted by the machine's model, and simulated; NaN: not known.
+
+    ``limit_um`` is infinite where the machine file gives none.
+    """
 
     axis: str
+    limit_um: float
     predicted_max_um: float
     predicted_rms_um: float
     simulated_max_um: float
     simulated_rms_um: float
+
+    @property
+    def over(self) -> bool:
+        """The drive went beyond the limit, whatever the model said."""
+        return self.simulated_max_um > self.limit_um
 
 
 @dataclass(frozen=True)
@@ -101,7 +110,7 @@ def _tracking(run: RunData) -> tuple[TrackingRow, ...]:
     rows = []
     for axis, name in enumerate(run.axis_names):
         predicted, simulated = _extremes(error.commanded, axis), _extremes(error.measured, axis)
-        rows.append(TrackingRow(name, *predicted, *simulated))
+        rows.append(TrackingRow(name, error.limit_of(axis), *predicted, *simulated))
     return tuple(rows)
 
 

@@ -165,11 +165,10 @@ class _Report:
             return
         yield html.heading("Tracking")
         if self.judgement is not None:
-            limits_um = [self.signals.quantities["tracking_error"].limit_of(i) for i in range(len(self.run.axis_names))]
             rows = []
-            for row, limit_um in zip(self.judgement.tracking, limits_um, strict=True):
+            for row in self.judgement.tracking:
                 values = (row.predicted_max_um, row.simulated_max_um, row.predicted_rms_um, row.simulated_rms_um)
-                rows.append((row.axis, *(f"{value:.2f}" for value in (limit_um, *values))))
+                rows.append((row.axis, *(f"{value:.2f}" for value in (row.limit_um, *values))))
             columns = (
                 "axis",
                 "limit, µm",
@@ -178,7 +177,7 @@ class _Report:
                 "predicted rms, µm",
                 "simulated rms, µm",
             )
-            over = [row.simulated_max_um > limit for row, limit in zip(self.judgement.tracking, limits_um, strict=True)]
+            over = [row.over for row in self.judgement.tracking]
             yield html.table(columns, rows, over)
             if any(over):
                 yield html.paragraph(
