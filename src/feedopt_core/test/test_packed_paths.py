@@ -102,6 +102,15 @@ def test_axis_derivatives_are_those_of_the_points(name: str) -> None:
     np.testing.assert_allclose(toolpath.bend_length_mm(s_mm), 1.0 / np.maximum(bend, 1e-12), rtol=1e-14)
 
 
+def test_whole_numbers_are_arc_lengths_too() -> None:
+    """TOPP-RA asks for the path at the integer 0 first."""
+    toolpath = toolpath_of(alternating(3))
+    whole, real = toolpath.evaluate(np.array([0, 2])), toolpath.evaluate(np.array([0.0, 2.0]))
+    assert np.array_equal(whole.r_mm, real.r_mm)
+    derivatives = [toolpath.axis_derivatives(s_mm, np.eye(2)) for s_mm in (np.array([0, 2]), np.array([0.0, 2.0]))]
+    assert np.array_equal(*derivatives)
+
+
 def test_axis_map_of_other_dimensions_is_refused() -> None:
     with pytest.raises(ToolpathError, match="the path has 3 coordinates, the axes of the machine follow 2"):
         toolpath_of(PATHS["space"]).axis_derivatives(np.zeros(1), np.eye(2))

@@ -106,6 +106,7 @@ class Toolpath:
         Raises:
             ToolpathError: an arc length lies outside that part.
         """
+        s_mm = np.asarray(s_mm, dtype=np.float64)
         return self._holding(s_mm).points(s_mm)
 
     def axis_derivatives(self, s_mm: FloatArray, axis_matrix: FloatArray) -> FloatArray:
@@ -121,6 +122,7 @@ class Toolpath:
         Raises:
             ToolpathError: an arc length lies outside that part, or the axis map has other dimensions than the path.
         """
+        s_mm = np.asarray(s_mm, dtype=np.float64)
         derivatives = self._holding(s_mm).derivatives(s_mm)
         if axis_matrix.shape[1] != derivatives.shape[2]:
             raise ToolpathError(
