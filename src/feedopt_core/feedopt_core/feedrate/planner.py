@@ -124,7 +124,7 @@ class StreamPlanner:
 
         Raises:
             InfeasibleLimitsError: no motion within the limits exists from the committed state.
-            SolverError: no plan was found and there is no stop left to fall back on.
+            SolverError: at rest, and not even a short part of the path ahead has a plan.
         """
         target = self._target()
         if target is None:
