@@ -75,6 +75,9 @@ def test_every_sample_of_every_batch_is_drawn_once(run: RunData) -> None:
         np.testing.assert_array_equal(
             captured.values(f"control_signal/{name}"), run.states.control_signal_volts[:, axis]
         )
+    batches = -(-len(run.states) // BATCH)
+    np.testing.assert_array_equal(captured.values("tracking_error/X/limit"), np.tile([20.0, -20.0], 2 * batches))
+    np.testing.assert_array_equal(captured.values("control_signal/Y/limit"), np.tile([10.0, -10.0], 2 * batches))
     for chunk in run.chunks:
         drawing.add_chunk(chunk)
     solve_ms = [1e3 * chunk.figures.solve_time_s for chunk in run.chunks]

@@ -11,7 +11,7 @@ from feedopt_core.config.machine import Machine
 from feedopt_core.feedrate.chunk import Chunk
 from feedopt_tools.bags.run_data import SetpointArrays, StateArrays, StatusRow
 from feedopt_tools.views.colours import FEED, axis_colour, feed_colours
-from feedopt_tools.views.curves import TIME, along_time, entity
+from feedopt_tools.views.curves import TIME, Curves, Times, along_time, entity
 from feedopt_tools.views.layout import GROUND
 from feedopt_tools.views.run_events import STATES
 from feedopt_tools.views.signals import speed_pieces, tool_from_axes
@@ -32,6 +32,7 @@ class LiveDrawing:
     def __init__(self, recording: rr.RecordingStream, machine: Machine) -> None:
         self.recording = recording
         self.machine = machine
+        self._curves = Curves(recording)
         self._program_id = 0
         self._path = list[FloatArray]()
         self._last_state = dict[str, tuple[int, int, str]]()
@@ -56,6 +57,7 @@ class LiveDrawing:
         at = [along_time(mine.t_s)]
         self._send("feed/feedrate", at, mine.feedrate_mm_s)
         self._send("interpolator/lateness", at, 1e3 * mine.lateness_s)
+        self._curves.limits("feed/limit", _ends(mine.t_s), [self.machine.feed_limit_mm_s])
         tool_mm = tool_from_axes(self.machine, mine.position_mm)
         self._path.append(np.column_stack([tool_mm, mine.s_mm, mine.feedrate_mm_s])[::_PATH_EVERY_TICKS])
         self._now_s = float(mine.t_s[-1])
@@ -68,10 +70,16 @@ class LiveDrawing:
         if not len(states):
             return
         mine = states.of_program(int(states.program_id[-1]))
-        at = [along_time(mine.t_s)]
-        for axis, name in enumerate(self.machine.axis_names):
+        at, machine = [along_time(mine.t_s)], self.machine
+        for axis, name in enumerate(machine.axis_names):
             self._send(entity("tracking_error", name), at, 1e3 * mine.tracking_error_mm[:, axis])
             self._send(entity("control_signal", name), at, mine.control_signal_volts[:, axis])
+            if machine.tracking_error_limit_mm is not None:
+                limit_um = 1e3 * machine.tracking_error_limit_mm[axis]
+                self._curves.limits(entity("tracking_error", name, "limit"), _ends(mine.t_s), (limit_um, -limit_um))
+            if machine.control_limit_volts is not None:
+                limit = machine.control_limit_volts[axis]
+                self._curves.limits(entity("control_signal", name, "limit"), _ends(mine.t_s), (limit, -limit))
 
     def add_chunk(self, chunk: Chunk) -> None:
         """Draw what a window cost, where it begins."""
@@ -148,3 +156,8 @@ class LiveDrawing:
 
     def _send(self, path: str, at: list[rr.TimeColumn], values: FloatArray) -> None:
         self.recording.send_columns(path, indexes=at, columns=rr.Scalars.columns(scalars=values))
+
+
+def _ends(t_s: FloatArray) -> Times:
+    """First and last instant of a batch: limit lines grow with the curves."""
+    return [along_time(t_s[[0, -1]])]
