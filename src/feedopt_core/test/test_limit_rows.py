@@ -23,7 +23,7 @@ from feedopt_core.limits.axis_limits import (
 )
 from feedopt_core.limits.excess import limit_ratios
 from feedopt_core.limits.rest import rest_length_mm, rest_scale_limit
-from feedopt_core.limits.rows import limit_rows, release_start_state
+from feedopt_core.limits.rows import drop_repeated, limit_rows, release_start_state
 from feedopt_core.path.segments import SegmentKind
 from feedopt_core.path.toolpath import Toolpath
 from feedopt_core.solvers.interior_point_data import BEND, LINE, ROOT, Rows
@@ -133,6 +133,30 @@ def test_limits_that_are_not_given_have_no_rows() -> None:
     infinite = np.full(2, np.inf)
     kinematic = KinematicLimits(LIMITS.axis_matrix, LIMITS.feed_mm_s, LIMITS.velocity_mm_s, infinite, infinite)
     assert mesh(limits=MotionLimits(("X", "Y"), kinematic)).rows.coefficients.shape[2] == 1
+
+
+@pytest.mark.parametrize("limits", [MOTION, DRIVEN])
+def test_what_is_dropped_at_the_end_of_a_span_stands_at_the_start_of_the_next(limits: MotionLimits) -> None:
+    here = mesh(limits=limits)
+    before = here.used()
+    drop_repeated(here.rows)
+    after = here.used()
+    dropped = (after == 0.0) & (before != 0.0)
+    assert np.any(dropped)
+    assert not np.any(dropped[:, :, :-1]) and not np.any(dropped[..., -1])
+    # Only rows without q'', and each is as large at the other side of the knot.
+    assert not np.any(dropped[here.rows.over_root > 0.0])
+    spans = np.nonzero(dropped[:, :, -1])
+    np.testing.assert_allclose(
+        before[:, :, -1][spans], before[:, :, 0][spans[0], spans[1], spans[2] + 1], rtol=1e-5, atol=1e-9
+    )
+
+
+def test_row_is_kept_where_the_limits_differ_on_the_two_sides_of_a_knot() -> None:
+    here = mesh()
+    here.rows.inverse_limits[4, -1] *= 1.01
+    drop_repeated(here.rows)
+    assert np.all(here.rows.inverse_limits[4, -1, 1:] > 0.0)
 
 
 def test_scale_tightens_every_row() -> None:

@@ -26,7 +26,7 @@ from feedopt_core.path.segments import Segment
 from feedopt_core.path.toolpath import Toolpath
 
 _STOPS_OF_LOOK_AHEAD = 1.25
-_STOPS_OF_COMMITMENT = 5.0
+_STOPS_OF_COMMITMENT = 6.0
 _LEAST_LOOK_AHEAD_MM = 5.0
 _HALVINGS = 6
 

@@ -14,7 +14,7 @@ from feedopt_core.feedrate.profile import ElementKind, FeedProfile
 from feedopt_core.limits.axis_limits import KinematicLimits, MotionLimits, axis_geometry, span_points, steady_q_limit
 from feedopt_core.limits.derived import attainable_limits
 from feedopt_core.limits.rest import rest_length_mm, rest_scale_limit
-from feedopt_core.limits.rows import limit_rows, release_start_state
+from feedopt_core.limits.rows import drop_repeated, limit_rows, release_start_state
 from feedopt_core.path.toolpath import Toolpath
 from feedopt_core.solvers.banded_interior_point import FixedStart, RestEnd, TimeProblem, TimeSolution, minimise_time
 
@@ -91,6 +91,7 @@ class WindowSolve:
         """
         weights_mm = _BOOLE[:, None] * self.spline.widths_mm
         rows = limit_rows(self.geometry, self.limits, self.spline.basis(_POINTS), weights_mm, self.scale)
+        drop_repeated(rows)
         if self.window.start is not None:
             release_start_state(rows)
         problem = TimeProblem(rows, self._start(), self._end())

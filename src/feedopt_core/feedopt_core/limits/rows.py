@@ -127,3 +127,12 @@ def release_start_state(rows: Rows) -> None:
     """Take the rows without q'' off the very start: a given state there cannot be chosen any more."""
     given = ~np.any(rows.coefficients[0, 0, :, BEND : BEND + 3], axis=-1)
     rows.inverse_limits[0, 0, given] = 0.0
+
+
+def drop_repeated(rows: Rows) -> None:
+    """Take off the ends of spans what the starts of the next ones say as well: rows without q'' where nothing jumps."""
+    end, start = rows.coefficients[:-1, -1], rows.coefficients[1:, 0]
+    line = np.isclose(end[..., LINE + 1 : LINE + 3], start[..., LINE : LINE + 2], rtol=1e-6, atol=0.0).all(axis=-1)
+    root = np.isclose(end[..., ROOT], start[..., ROOT], rtol=1e-6, atol=0.0)
+    same = np.isclose(rows.inverse_limits[:-1, -1], rows.inverse_limits[1:, 0], rtol=1e-6, atol=0.0).all(axis=-1)
+    rows.inverse_limits[:-1, -1][line & root & same & (rows.over_root == 0.0)] = 0.0

@@ -90,7 +90,7 @@ def minimise_time(
     initial: FloatArray,
     *,
     cautious: bool = False,
-    tolerance: float = 1e-5,
+    tolerance: float = 1e-4,
     feasibility: float = 1e-8,
     max_iterations: int = 60,
 ) -> TimeSolution:
