@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
@@ -35,6 +37,22 @@ def refused(*arguments: object) -> str:
     assert result.exit_code in (1, 2), result.output
     assert isinstance(result.exception, SystemExit)
     return result.stderr
+
+
+def test_web_server_ends_with_the_command_however_that_is_ended(bag: Path) -> None:
+    command = "from feedopt_tools.command.main import main; main()"
+    environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    process = subprocess.Popen(
+        [sys.executable, "-c", command, "view", str(bag), "--web"], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    assert process.stdout is not None
+    assert "is served until Ctrl-C" in process.stdout.readline()
+    port = int(process.stdout.readline().partition("?")[0].rpartition(":")[2])
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text(encoding="ascii").split()
+    assert children and port
+    process.terminate()
+    assert process.wait(60.0) == 0
+    assert not any(Path(f"/proc/{child}").exists() for child in children)
 
 
 def test_every_page_is_drawn_into_a_folder(bag: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -151,9 +152,11 @@ def _show(recording: Path, *, web: bool) -> None:
         opened = open_viewer(recording)
         click.echo(opened.hint or f"{recording} is open in the viewer")
         return
+    # Ended in any other way than by Ctrl-C, the server must not stay behind either.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     served = serve_web(recording)
-    click.echo(f"{recording} is served until Ctrl-C at\n{served.url}")
     try:
+        click.echo(f"{recording} is served until Ctrl-C at\n{served.url}")
         code = served.process.wait()
     except KeyboardInterrupt:
         return
