@@ -6,12 +6,16 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 from graph_run import TINY, RunningGraph, feedopt, running_graph, wait_for
 
+from feedopt_node.status import SILENCE_BEATS, STATUS_PERIOD_S
 from feedopt_tools.bags.check_bag import check_run
 from feedopt_tools.bags.read_bag import read_bag
 from feedopt_tools.execute.domain_lock import DomainLock, domain_id
@@ -89,13 +93,34 @@ def test_a_node_that_dies_ends_the_run_and_is_named(tmp_path: Path) -> None:
     assert "Traceback" not in errors
 
 
-def test_an_interrupted_run_stops_on_the_path_and_ends_cleanly(tmp_path: Path) -> None:
-    path, out = tmp_path / "long.csv", tmp_path / "out"
-    path.write_text(long_program(), encoding="utf-8")
-    with start("run", str(path), "--no-sim", "--out", str(out)) as process:
+def test_a_node_that_falls_silent_ends_the_program_and_is_named(tmp_path: Path) -> None:
+    with started_run(tmp_path) as process:
+        interpolator = child(process.pid, "interpolator")
+        os.kill(interpolator, signal.SIGSTOP)
         assert process.stdout is not None
-        while "executing" not in (line := process.stdout.readline()):
-            assert line, "the command ended before the program began"
+        while "ending the nodes" not in process.stdout.readline():
+            assert process.poll() is None, "the command ended too early"
+        os.kill(interpolator, signal.SIGCONT)
+        output, errors = process.communicate(timeout=60)
+    assert process.returncode == 1, errors
+    assert "interpolator: has fallen silent" in output
+
+
+def test_a_computer_that_stands_still_for_a_while_ends_no_program(tmp_path: Path) -> None:
+    with started_run(tmp_path) as process:
+        nodes = [child(process.pid, name) for name in ("toolpath", "planner", "interpolator", "recorder")]
+        for node in nodes:
+            os.kill(node, signal.SIGSTOP)
+        goes_on_s = time.monotonic() + 1.2 * SILENCE_BEATS * STATUS_PERIOD_S
+        wait_for(lambda: time.monotonic() > goes_on_s, "the nodes stand still")
+        for node in nodes:
+            os.kill(node, signal.SIGCONT)
+        output, errors = process.communicate(timeout=60)
+    assert "done" in output, output + errors
+
+
+def test_an_interrupted_run_stops_on_the_path_and_ends_cleanly(tmp_path: Path) -> None:
+    with started_run(tmp_path) as process:
         process.send_signal(signal.SIGINT)
         output, errors = process.communicate(timeout=60)
     assert process.returncode == 1, errors
@@ -105,8 +130,20 @@ def test_an_interrupted_run_stops_on_the_path_and_ends_cleanly(tmp_path: Path) -
     assert "Traceback" not in output + errors
 
 
-def long_program() -> str:
-    return "x_mm,y_mm\n" + "".join(f"{10 * i},{i % 2}\n" for i in range(200))
+def long_program(points: int = 200) -> str:
+    return "x_mm,y_mm\n" + "".join(f"{10 * i},{i % 2}\n" for i in range(points))
+
+
+@contextmanager
+def started_run(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """A command without the router, as soon as its program executes."""
+    path = tmp_path / "long.csv"
+    path.write_text(long_program(points=30), encoding="utf-8")
+    with start("run", str(path), "--no-sim", "--out", str(tmp_path / "out")) as process:
+        assert process.stdout is not None
+        while "executing" not in (line := process.stdout.readline()):
+            assert line, "the command ended before the program began"
+        yield process
 
 
 def start(*arguments: str) -> subprocess.Popen[str]:

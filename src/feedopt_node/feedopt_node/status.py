@@ -22,7 +22,8 @@ from feedopt_node.qos import qos_profile
 STATUS_TOPIC = "/status"
 STATUS_PERIOD_S = 0.1
 MATCH_PERIOD_S = 0.02
-SILENCE_S = 3.0
+# Silence is counted in our own reports: while the whole computer stands still nobody can speak, and nobody is silent.
+SILENCE_BEATS = 50
 
 READY_STATES = (NodeStatus.READY, NodeStatus.RUNNING, NodeStatus.DONE, NodeStatus.FAULT)
 
@@ -36,9 +37,14 @@ class PeerStatuses:
     def __init__(self, own_name: str, own_instance: int) -> None:
         self.own_name = own_name
         self.own_instance = own_instance
-        self._heard: dict[str, tuple[float, NodeStatus]] = {}
+        self._heard: dict[str, tuple[int, NodeStatus]] = {}
+        self._beats = 0
 
-    def take(self, status: NodeStatus, now_s: float) -> bool:
+    def beat(self) -> None:
+        """A period of status reports has passed in which this node could hear its peers."""
+        self._beats += 1
+
+    def take(self, status: NodeStatus) -> bool:
         """Note a status; False if it is ignored (our own, or a newer instance beside an older one).
 
         Raises:
@@ -52,9 +58,9 @@ class PeerStatuses:
                 )
             return False
         held = self._heard.get(status.node)
-        if held and status.instance > held[1].instance and now_s - held[0] < SILENCE_S:
+        if held and status.instance > held[1].instance and self._beats - held[0] < SILENCE_BEATS:
             return False
-        self._heard[status.node] = (now_s, status)
+        self._heard[status.node] = (self._beats, status)
         return True
 
     def get(self, name: str) -> NodeStatus | None:
@@ -62,11 +68,11 @@ class PeerStatuses:
         held = self._heard.get(name)
         return held[1] if held else None
 
-    def silent(self, names: Sequence[str], now_s: float) -> str | None:
-        """First of the named nodes that was heard once but not for ``SILENCE_S``; None if all are alive."""
+    def silent(self, names: Sequence[str]) -> str | None:
+        """First of the named nodes that was heard once but not for ``SILENCE_BEATS``; None if all are alive."""
         for name in names:
             held = self._heard.get(name)
-            if held and now_s - held[0] > SILENCE_S:
+            if held and self._beats - held[0] > SILENCE_BEATS:
                 return name
         return None
 
@@ -172,7 +178,7 @@ class NodeLife:
 
     def silent_peer(self) -> str | None:
         """Name of a present peer that has fallen silent, None if all are alive."""
-        return self.peers.silent(self._present, time.monotonic())
+        return self.peers.silent(self._present)
 
     def poll(self) -> None:
         """Hear the peers, and do what is due; for a node that is not spun for it."""
@@ -185,11 +191,12 @@ class NodeLife:
                 timer.callback()
 
     def _repeat(self) -> None:
+        self.peers.beat()
         self.report()
 
     def _take(self, status: NodeStatus) -> None:
         try:
-            if not self.peers.take(status, time.monotonic()):
+            if not self.peers.take(status):
                 return
         except SecondGraphError as error:
             if not self.ended.done():

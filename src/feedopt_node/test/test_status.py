@@ -6,11 +6,16 @@ import pytest
 
 from feedopt_msgs.msg import NodeStatus
 from feedopt_node.errors import SecondGraphError
-from feedopt_node.status import SILENCE_S, PeerStatuses
+from feedopt_node.status import SILENCE_BEATS, PeerStatuses
 
 
 def status(node: str, instance: int, state: int = NodeStatus.READY) -> NodeStatus:
     return NodeStatus(node=node, instance=instance, state=state)
+
+
+def pass_beats(peers: PeerStatuses, count: int) -> None:
+    for _ in range(count):
+        peers.beat()
 
 
 @pytest.fixture
@@ -20,34 +25,41 @@ def peers() -> PeerStatuses:
 
 def test_the_latest_status_of_a_node_is_kept(peers: PeerStatuses) -> None:
     assert peers.get("toolpath") is None
-    assert peers.take(status("toolpath", 5), 0.0)
-    assert peers.take(status("toolpath", 5, NodeStatus.RUNNING), 0.1)
+    assert peers.take(status("toolpath", 5))
+    assert peers.take(status("toolpath", 5, NodeStatus.RUNNING))
     assert peers.get("toolpath").state == NodeStatus.RUNNING
 
 
 def test_the_newer_of_two_instances_of_one_node_gives_way(peers: PeerStatuses) -> None:
-    assert not peers.take(status("planner", 100), 0.0)
-    assert not peers.take(status("planner", 101), 0.0)
+    assert not peers.take(status("planner", 100))
+    assert not peers.take(status("planner", 101))
     with pytest.raises(SecondGraphError, match="another planner already runs"):
-        peers.take(status("planner", 99), 0.0)
+        peers.take(status("planner", 99))
 
 
 def test_a_newer_instance_of_a_peer_counts_once_the_older_is_silent(peers: PeerStatuses) -> None:
-    peers.take(status("toolpath", 5), 0.0)
-    assert not peers.take(status("toolpath", 6), SILENCE_S - 0.1)
-    assert peers.take(status("toolpath", 6), SILENCE_S + 0.1)
+    peers.take(status("toolpath", 5))
+    pass_beats(peers, SILENCE_BEATS - 1)
+    assert not peers.take(status("toolpath", 6))
+    pass_beats(peers, 1)
+    assert peers.take(status("toolpath", 6))
     assert peers.get("toolpath").instance == 6
 
 
 def test_an_older_instance_of_a_peer_counts_at_once(peers: PeerStatuses) -> None:
-    peers.take(status("toolpath", 6), 0.0)
-    assert peers.take(status("toolpath", 5), 0.1)
+    peers.take(status("toolpath", 6))
+    assert peers.take(status("toolpath", 5))
     assert peers.get("toolpath").instance == 5
 
 
 def test_silence_is_told_from_never_heard(peers: PeerStatuses) -> None:
     names = ("toolpath", "interpolator")
-    assert peers.silent(names, 1e6) is None
-    peers.take(status("toolpath", 5), 0.0)
-    assert peers.silent(names, SILENCE_S - 0.1) is None
-    assert peers.silent(names, SILENCE_S + 0.1) == "toolpath"
+    pass_beats(peers, 10 * SILENCE_BEATS)
+    assert peers.silent(names) is None
+    peers.take(status("toolpath", 5))
+    pass_beats(peers, SILENCE_BEATS)
+    assert peers.silent(names) is None
+    pass_beats(peers, 1)
+    assert peers.silent(names) == "toolpath"
+    peers.take(status("toolpath", 5))
+    assert peers.silent(names) is None
