@@ -172,6 +172,16 @@ def test_exact_stops_come_to_rest_in_the_corners(parameters: PlannerParameters) 
     assert planned.motion_time_s == pytest.approx(sides, rel=2e-3)
 
 
+def test_windows_end_on_exact_stops_to_the_last_bit() -> None:
+    """A hair before one, the next window would be that hair."""
+    for lengths in np.random.default_rng(2).uniform((0.1, 1.0, 1.0, 1.0), (1.0, 9.0, 9.0, 9.0), (60, 4)):
+        segments = polyline([(x, 0.0) for x in (0.0, *np.cumsum(lengths))])
+        segments[1] = replace(segments[1], place=replace(segments[1].place, exact_stop=False))
+        planned = plan_path(MACHINE, segments)
+        stops = planned.toolpath.exact_stops_mm()
+        assert [chunk.s_commit_mm for chunk in planned.chunks if chunk.s_commit_mm in stops] == stops.tolist()
+
+
 def test_stop_and_turn_back_on_the_same_line() -> None:
     planned = plan_path(MACHINE, polyline([(0, 0), (30, 0), (0, 0)]))
     setpoints = planned.setpoints()

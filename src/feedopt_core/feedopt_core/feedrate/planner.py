@@ -162,7 +162,8 @@ class StreamPlanner:
         at_rest = self._committed.stop is None and not self._method.whole_path
         for halvings in range(_HALVINGS + 1 if at_rest else 1):
             shortened = halvings > 0
-            end = start_mm + (end_mm - start_mm) / 2**halvings
+            # Not by the difference where it is whole: the sum may miss an exact stop by the last bit.
+            end = start_mm + (end_mm - start_mm) / 2**halvings if shortened else end_mm
             spare_end = not commit_all and not shortened
             window = Window(start_mm, end, self._committed.state, self._committed.stop, spare_end=spare_end)
             yield window, commit_all or shortened, shortened
