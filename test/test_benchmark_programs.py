@@ -49,13 +49,13 @@ def test_every_scale_is_the_same_plan(tmp_path: Path) -> None:
 
 
 def test_own_and_real_programs_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench, own = module("__main__"), module("own")
+    catalogue, own = module("catalogue"), module("own")
     real = tmp_path / "real"
     real.mkdir()
     for name in ("part.ngc", "notes.md"):
         (real / name).write_text("G21 F600\nG1 X10\nM2\n", encoding="utf-8")
     monkeypatch.setenv("FEEDOPT_PROGRAMS", str(real))
-    names = [name for name, _ in bench.all_programs(tmp_path)]
+    names = [name for name, _ in catalogue.all_programs(tmp_path)]
     assert names == [*own.OWN_PROGRAMS, "part.ngc"]
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from benchmark.planner.contours import hand_like, long_smooth, serpentine
 from benchmark.planner.measuring import Measured, measure, plan_segments, resident_mb, window_share
+from benchmark.programs.catalogue import MACHINES, all_programs
 
 from feedopt_core.config.locate import find_config
 from feedopt_core.config.machine import Machine, load_machine
@@ -15,6 +18,7 @@ from feedopt_core.errors import FeedoptError
 from feedopt_core.feedrate.chunk import Chunk
 from feedopt_core.feedrate.planner import PlannerParameters
 from feedopt_core.path.segments import Segment
+from feedopt_core.survey import survey_program
 from feedopt_core.toolpath.program import open_program, read_program
 
 _MESH_CONVERGED = 1e-3
@@ -103,8 +107,16 @@ def _converged(case: str, segments: list[Segment], machine: Machine) -> Iterator
 
 
 def windows(runs: int) -> Iterator[Row]:
-    """Windowed against one window for the whole path, on the same mesh."""
-    machine = table_3_1()
+    """Windowed against one window for the whole path or up to the next exact stop, on the same mesh."""
+    for name, segments, machine in _every_path():
+        case, whole = f"{name}, {machine.name}", PlannerParameters(commitment_mm=1e6)
+        for setting, parameters in (("windows", PlannerParameters()), ("whole path", whole)):
+            row = _attempt(case, segments, machine, parameters, runs)
+            yield replace(row, setting=f"{setting}, {row.setting}") if isinstance(row, Measured) else row
+
+
+def _every_path() -> Iterator[tuple[str, list[Segment], Machine]]:
+    """Name, segments and machine; programs that cannot be read are a matter of ``bench programs``."""
     paths: tuple[tuple[str, Callable[[], list[Segment]]], ...] = (
         ("fan", fan),
         ("hand-like", hand_like),
@@ -113,11 +125,15 @@ def windows(runs: int) -> Iterator[Row]:
     )
     for name, make in paths:
         segments = make()
-        for limits in (machine, load_machine("case_a")):
-            case, whole = f"{name}, {limits.name}", PlannerParameters(commitment_mm=1e6)
-            for setting, parameters in (("windows", PlannerParameters()), ("whole path", whole)):
-                row = _attempt(case, segments, limits, parameters, runs)
-                yield replace(row, setting=f"{setting}, {row.setting}") if isinstance(row, Measured) else row
+        yield name, segments, table_3_1()
+        yield name, segments, load_machine("case_a")
+    with tempfile.TemporaryDirectory(prefix="feedopt-planner-") as folder:
+        for name, path in all_programs(Path(folder)):
+            try:
+                survey = survey_program(path)
+            except FeedoptError:
+                continue
+            yield name, list(survey.segments), load_machine(MACHINES[survey.dimensions])
 
 
 def speed(runs: int) -> Iterator[Row]:

@@ -9,15 +9,14 @@ programs run on case_a, others on router_heng. Figures are reported, never judge
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmark.programs.catalogue import MACHINES, all_programs
 from benchmark.programs.chords import chord_lengths, fan_contour, sampled, write_chords
-from benchmark.programs.own import OWN_PROGRAMS
 from benchmark.programs.planned import ProgramRun, plan_segments, run_program
 from benchmark.programs.reading import measure_reading
 from benchmark.programs.scales import run_scales
@@ -27,10 +26,7 @@ from rich.table import Table
 from feedopt_core.config.machine import load_machine
 from feedopt_core.feedrate.planner import PlannerParameters
 from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM
-from feedopt_core.toolpath.program import SUFFIXES
 
-WORKSPACE = Path(__file__).resolve().parents[2]
-MACHINES = {2: "case_a", 3: "router_heng"}
 _READING_CHORD_MM = 0.01
 _LAPS = (1, 10)
 
@@ -97,16 +93,6 @@ def row_of(run: ProgramRun) -> tuple[str, ...]:
         cells += [f"{motion.time_s:.3f} s", f"{motion.worst_ratio:.5f}", f"{motion.planning_s:.2f} s"]
         cells += [f"{motion.windows}", f"{motion.fallbacks}"]
     return (*cells, run.failure) if run.failure else tuple(cells)
-
-
-def all_programs(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Our own programs, written into a folder, and the real ones that are there."""
-    for name, (_, text) in OWN_PROGRAMS.items():
-        path = folder / f"{name}.ngc"
-        path.write_text(text(), encoding="utf-8")
-        yield name, path
-    real = Path(os.environ.get("FEEDOPT_PROGRAMS", WORKSPACE.parent / "shared" / "data" / "programs"))
-    yield from ((path.name, path) for path in sorted(real.glob("*")) if path.suffix.lower() in SUFFIXES)
 
 
 def chord_table(setting: Setting) -> Table:
