@@ -40,14 +40,14 @@ class Straight:
         return np.concatenate([value / self.q_max, slope / self.slope_limit, -slope / self.slope_limit], axis=1)
 
     def problem(self, start: FixedStart | RestEnd, end: RestEnd) -> TimeProblem:
-        value = self.spline.basis(Z)[0].transpose(2, 1, 0).copy()
+        basis = np.stack(self.spline.basis(Z)).transpose(3, 2, 0, 1).copy()
         weights = np.outer(self.spline.widths_mm, BOOLE)
-        # One-sided rows, three kinds a point.
-        linear = self.rows.reshape(3, 3, len(Z), -1).transpose(3, 2, 1, 0)
-        coefficients = np.zeros((*linear.shape[:3], ROW_SIZE))
-        coefficients[..., LINE : LINE + 3] = linear
-        inverse_limits = np.broadcast_to([1.0, 0.0], (*linear.shape[:3], 2)).copy()
-        return TimeProblem(Rows(value, weights, coefficients, inverse_limits, np.zeros(3)), start, end)
+        # One-sided rows, three kinds a point: factors of q and q'.
+        coefficients = np.zeros((*weights.shape, 3, ROW_SIZE))
+        coefficients[:, :, 0, LINE] = 1.0 / self.q_max.T
+        coefficients[:, :, 1:, LINE + 1] = np.array([1.0, -1.0]) / self.slope_limit
+        inverse_limits = np.broadcast_to([1.0, 0.0], (*coefficients.shape[:3], 2)).copy()
+        return TimeProblem(Rows(basis, weights, coefficients, inverse_limits, np.zeros(3)), start, end)
 
     def time(self, control_points: FloatArray) -> float:
         q = local_products(self.spline.basis(Z)[0], control_points)
@@ -204,27 +204,28 @@ def test_basis_is_that_of_a_general_b_spline() -> None:
 def driven_rows(spline: QuadraticSpline, geometry: tuple[float, float, float]) -> Rows:
     """One axis with torque 1.5 A + 2 g1 sqrt(q) and tracking error 0.4 A + 0.1 g1 sqrt(q) + 0.05 sqrt(q) W."""
     g1, g2, g3 = geometry
-    value, slope, bend = (part.transpose(2, 1, 0) for part in spline.basis(Z))
-    coefficients = np.zeros((*value.shape[:2], 3, ROW_SIZE))
-    inverse_limits = np.zeros((*value.shape[:2], 3, 2))
-    acceleration = g2 * value + 0.5 * g1 * slope
-    coefficients[:, :, 0, LINE : LINE + 3] = value
+    basis = np.stack(spline.basis(Z)).transpose(3, 2, 0, 1).copy()
+    coefficients = np.zeros((*basis.shape[:2], 3, ROW_SIZE))
+    inverse_limits = np.zeros((*basis.shape[:2], 3, 2))
+    acceleration, jerk = np.array([g2, 0.5 * g1]), np.array([g3, 1.5 * g2, 0.5 * g1])
+    coefficients[:, :, 0, LINE] = 1.0
     inverse_limits[:, :, 0, 0] = 1.0 / 250.0
-    coefficients[:, :, 1, LINE : LINE + 3], coefficients[:, :, 1, ROOT] = 1.5 * acceleration, 2.0 * g1
+    coefficients[:, :, 1, LINE : LINE + 2], coefficients[:, :, 1, ROOT] = 1.5 * acceleration, 2.0 * g1
     inverse_limits[:, :, 1] = 1.0 / 40.0, 1.0 / 44.0
-    coefficients[:, :, 2, LINE : LINE + 3], coefficients[:, :, 2, ROOT] = 0.4 * acceleration, 0.1 * g1
-    coefficients[:, :, 2, BEND : BEND + 3] = 0.05 * (g3 * value + 1.5 * g2 * slope + 0.5 * g1 * bend)
+    coefficients[:, :, 2, LINE : LINE + 2], coefficients[:, :, 2, ROOT] = 0.4 * acceleration, 0.1 * g1
+    coefficients[:, :, 2, BEND : BEND + 3] = 0.05 * jerk
     inverse_limits[:, :, 2] = 1.0 / 6.0
     weights = np.outer(spline.widths_mm, BOOLE)
-    return Rows(value.copy(), weights, coefficients, inverse_limits, np.array([0.0, 0.0, 1.0]))
+    return Rows(basis, weights, coefficients, inverse_limits, np.array([0.0, 0.0, 1.0]))
 
 
 def room(rows: Rows, control_points: FloatArray) -> FloatArray:
     """1 - row for every side with a limit, from the definition of a row."""
     c = np.stack([control_points[i : len(rows.basis) + i] for i in range(3)], axis=-1)
-    root = np.sqrt(np.einsum("mpi,mi->mp", rows.basis, c))[..., None]
-    line, bend = (np.einsum("mpni,mi->mpn", rows.coefficients[..., i : i + 3], c) for i in (LINE, BEND))
-    y = line + root * (rows.coefficients[..., ROOT] + bend)
+    x = np.einsum("mpxi,mi->mpx", rows.basis, c)
+    line = np.einsum("mpnx,mpx->mpn", rows.coefficients[..., LINE : LINE + 2], x[..., :2])
+    bend = np.einsum("mpnx,mpx->mpn", rows.coefficients[..., BEND : BEND + 3], x)
+    y = line + np.sqrt(x[..., :1]) * (rows.coefficients[..., ROOT] + bend)
     sides = 1.0 - y[..., None] * [1.0, -1.0] * rows.inverse_limits
     return np.asarray(sides[rows.inverse_limits > 0.0])
 

@@ -55,9 +55,13 @@ class Mesh:
 
     def used(self) -> FloatArray:
         """Every row over its limits up and down, shape (n, 2, p, m)."""
-        c = np.stack([self.control_points[i : len(self.q[0]) + i] for i in range(3)], axis=-1)[:, None, None]
-        straight, bent = (np.sum(self.rows.coefficients[..., first : first + 3] * c, axis=-1) for first in (LINE, BEND))
-        y = straight + np.sqrt(self.q.T)[..., None] * (self.rows.coefficients[..., ROOT] + bent)
+        c = np.stack([self.control_points[i : len(self.q[0]) + i] for i in range(3)], axis=-1)
+        # q, q' and q'' at every point, shape (m, p, 1, 3).
+        x = np.einsum("mpxl,ml->mpx", self.rows.basis, c)[:, :, None]
+        coefficients = self.rows.coefficients
+        straight = np.sum(coefficients[..., LINE : LINE + 2] * x[..., :2], axis=-1)
+        bent = np.sum(coefficients[..., BEND : BEND + 3] * x, axis=-1)
+        y = straight + np.sqrt(self.q.T)[..., None] * (coefficients[..., ROOT] + bent)
         return np.asarray((y[..., None] * [1.0, -1.0] * self.rows.inverse_limits).transpose(2, 3, 1, 0))
 
 

@@ -25,6 +25,7 @@ from feedopt_core.feedrate.method import Window
 from feedopt_core.feedrate.methods import METHOD_NAMES, make_method
 from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
 from feedopt_core.solvers.banded_interior_point import TimeSolution, minimise_time
+from feedopt_core.solvers.interior_point_data import ROOT
 
 BENT = np.array([(0, 0), (20, -3), (31, 12), (14, 25), (-6, 17), (3, 40)], dtype=float)
 FREE = (INFINITY, INFINITY)
@@ -210,7 +211,7 @@ def test_plan_under_derived_limits_is_taken_where_both_solvers_fail(monkeypatch:
 
     def only_kinematic(problem: window_solve.TimeProblem, *args: FloatArray, **kwargs: bool) -> TimeSolution:
         # Five kinds of rows: velocity, and acceleration and jerk of two axes.
-        if np.any(problem.rows.coefficients[..., 6] != 0.0):
+        if np.any(problem.rows.coefficients[..., ROOT] != 0.0):
             raise SolverError("no convergence, for the test")
         return minimise_time(problem, *args, **kwargs)
 

@@ -13,7 +13,7 @@ GROWTH = 1.25
 """Ratio of neighbouring knot spacings next to a point of rest, where q grows as s^(4/3)."""
 SPARE_GROWTH = 2.0
 """The same next to the end of a stop that the next window replaces."""
-_BEND_SHARE = 0.3
+_BEND_SHARE = 0.2
 _SMALLEST_RATIO = 0.004
 _DENSITY_SAMPLES = 17
 _LEAST_REST_MM = 1e-5

@@ -25,7 +25,8 @@ from feedopt_core.feedrate.warm_up import warm_up
 from feedopt_core.path.segments import Segment
 from feedopt_core.path.toolpath import Toolpath
 
-_STOPS_OF_LOOK_AHEAD = 1.25
+_STOPS_OF_LOOK_AHEAD = 1.6
+"""Out of a turn that takes all of the acceleration a stop is pi/2 times as long as on a straight line."""
 _STOPS_OF_COMMITMENT = 6.0
 _LEAST_LOOK_AHEAD_MM = 5.0
 _HALVINGS = 6

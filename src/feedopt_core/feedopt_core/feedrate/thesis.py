@@ -26,7 +26,7 @@ from feedopt_core.feedrate.thesis_program import (
     SplineMatrices,
     linear_program,
 )
-from feedopt_core.feedrate.window_solve import WindowSolve, window_knots
+from feedopt_core.feedrate.window_solve import POINTS, WindowSolve, window_knots
 from feedopt_core.limits.axis_limits import KinematicLimits, MotionLimits
 from feedopt_core.limits.derived import attainable_limits, braking_limits
 from feedopt_core.limits.excess import limit_ratios
@@ -34,7 +34,6 @@ from feedopt_core.limits.rest import rest_scale_limit
 from feedopt_core.limits.stopping import longest_stop_mm
 from feedopt_core.path.toolpath import Toolpath
 
-_POINTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 _PARTS = 2
 """Parts of a span in which v^2 is replaced by two quadratics each."""
 _REPAIRS = 8
@@ -83,7 +82,7 @@ class _ThesisWindow:
         self._method, self._toolpath, self._window = method, toolpath, window
         # Mesh, evaluation points and factors on the limits are those of the other methods.
         self._mesh = WindowSolve(method.limits, toolpath, window, knots)
-        self._matrices = SplineMatrices(self._mesh.spline, _POINTS)
+        self._matrices = SplineMatrices(self._mesh.spline, POINTS)
         if window.start is not None:
             self._mesh.scale[0, 0] = _START_ROOM
 

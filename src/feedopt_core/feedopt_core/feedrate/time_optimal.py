@@ -12,19 +12,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import SolverError
 from feedopt_core.feedrate.method import Window, WindowPlan
 from feedopt_core.feedrate.profile import FeedProfile
-from feedopt_core.feedrate.window_solve import SPLIT_ABOVE, WindowSolve, window_knots
+from feedopt_core.feedrate.window_solve import SPLIT_ABOVE, WindowSolve, continued_knots, window_knots
 from feedopt_core.limits.axis_limits import MotionLimits
 from feedopt_core.limits.derived import braking_limits, ramp_limits
 from feedopt_core.limits.excess import limit_ratios
 from feedopt_core.limits.stopping import longest_stop_mm
 from feedopt_core.path.toolpath import Toolpath
+from feedopt_core.solvers.banded_interior_point import Restart
 
 _REPAIRS = 8
-_ACCEPTED = 1.0001
+_ACCEPTED, _TOLERABLE = 1.0001, 1.0008
+"""Ratio to a limit between the points that needs no repair, and one that the audit lets pass where no repair works."""
 _KNOTS_OF_A_STOP = 4.0
 _REFINEMENT = 3.0
 """Part of the knot spacing that the robust solver works on."""
@@ -85,11 +86,21 @@ class TimeOptimalMethod:
         spacing_mm = min(self.knot_spacing_mm, max(self.stopping_mm, self.knot_spacing_mm) / _KNOTS_OF_A_STOP)
         spacing_mm /= _REFINEMENT if robust else 1.0
         knots = window_knots(ramp_limits(self.limits), toolpath, window, spacing_mm)
+        if window.guess is not None and not robust:
+            knots = continued_knots(knots, window.guess, toolpath.joints_mm(window.start_mm, window.end_mm))
         solve = WindowSolve(self.limits, toolpath, window, knots)
+        name = f"{self.solver}_robust" if robust else self.solver
         iterations, worst = 0, np.inf
-        before: FloatArray | None = None
+        before: Restart | None = None
+        tolerable: WindowPlan | None = None
         for _ in range(_REPAIRS):
-            solution = solve.minimum_time(before, guess, cautious=robust)
+            try:
+                solution = solve.minimum_time(before, guess, cautious=robust)
+            except SolverError:
+                # Beside a given state there may be no room to lower a limit.
+                if tolerable is None:
+                    raise
+                return tolerable
             iterations += solution.iterations
             dips = solve.dips(solution.control_points)
             if np.any(dips > 1.0):
@@ -98,12 +109,16 @@ class TimeOptimalMethod:
             profile = solve.profile(solution.control_points)
             excess = limit_ratios(toolpath, self.limits, profile[solve.spline_elements])
             worst = float(np.max(excess))
+            plan = WindowPlan(profile, name, len(solution.control_points), solution.row_count, iterations)
             if worst <= _ACCEPTED:
-                name = f"{self.solver}_robust" if robust else self.solver
-                return WindowPlan(profile, name, len(solution.control_points), solution.row_count, iterations)
+                return plan
+            if worst <= _TOLERABLE:
+                tolerable = plan
             if worst > SPLIT_ABOVE:
                 solve, before = WindowSolve(self.limits, toolpath, window, solve.split_knots(excess)), None
             else:
                 solve.tighten(excess)
-                before = solution.control_points
+                before = solution.restart
+        if tolerable is not None:
+            return tolerable
         raise SolverError(f"{worst:.5f} times a limit between the knots after {_REPAIRS} repairs")

@@ -16,13 +16,27 @@ from feedopt_core.limits.derived import attainable_limits
 from feedopt_core.limits.rest import rest_length_mm, rest_scale_limit
 from feedopt_core.limits.rows import drop_repeated, limit_rows, release_start_state
 from feedopt_core.path.toolpath import Toolpath
-from feedopt_core.solvers.banded_interior_point import FixedStart, RestEnd, TimeProblem, TimeSolution, minimise_time
+from feedopt_core.solvers.banded_interior_point import (
+    FixedStart,
+    Restart,
+    RestEnd,
+    TimeProblem,
+    TimeSolution,
+    minimise_time,
+)
 
-_POINTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+POINTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+"""Where on a span the limits are set, and the motion time is integrated."""
 _BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90.0
+_SIMPSON = np.array([1.0, 0.0, 4.0, 0.0, 1.0]) / 6.0
+"""Weights of the points; in spans over which little changes the second and the fourth are left out."""
+_STRAIGHT, _FULL = 0.1, 0.6
+"""Such a span is smaller than this part of the length over which the path bends, and larger than this of the widest."""
+_AROUND = 8
+"""So many spans on either side of one where it bends count as that."""
 _MARGIN = 5e-4
 _RELAXED_MM = 20.0
-SPLIT_ABOVE = 1.01
+SPLIT_ABOVE = 1.02
 """Ratio to a limit between the points from which on knots are split; below it the limits are lowered there."""
 _LOW, _VERY_LOW = 0.5, 0.02
 """Parts of the largest q known beforehand that the optimisation starts from."""
@@ -44,6 +58,18 @@ def window_knots(limits: KinematicLimits, toolpath: Toolpath, window: Window, sp
     )
 
 
+def continued_knots(knots: FloatArray, guess: FeedProfile, joints_mm: FloatArray) -> FloatArray:
+    """Knots with those of a guess in its first half: the state it starts in may be one that only they can continue.
+
+    They differ where knots were split. Of the others none but joints comes close to the last one of the guess.
+    """
+    known = guess.s_mm[guess.s_mm <= 0.5 * (guess.s_mm[0] + guess.s_mm[-1])]
+    if len(known) < 2:
+        return knots
+    behind = knots[knots > known[-1] + 0.3 * (known[-1] - known[-2])]
+    return np.concatenate([known, joints_mm[(joints_mm > known[-1]) & (joints_mm < behind[0])], behind])
+
+
 class WindowSolve:
     """Mesh, rows and ends of one window on given knots."""
 
@@ -52,9 +78,10 @@ class WindowSolve:
         first = 1 if window.start is None else 0
         self.spline_elements = slice(first, len(self.knots) - 2)
         self.spline = QuadraticSpline.on(self.knots[first:-1])
-        self.points_mm = span_points(self.spline.knots_mm, _POINTS)
+        self.points_mm = span_points(self.spline.knots_mm, POINTS)
         self.geometry = axis_geometry(toolpath, limits.kinematic.axis_matrix, self.points_mm)
         self.scale = np.broadcast_to(self._margin(self.points_mm), self.points_mm.shape).copy()
+        self.weights_mm = _point_weights(toolpath, self.points_mm, self.spline.widths_mm)
 
     def _margin(self, s_mm: FloatArray) -> FloatArray:
         """Factor on the limits: what a window leaves at its end, the next one finds as room at its start."""
@@ -77,20 +104,19 @@ class WindowSolve:
         return np.unique(np.concatenate([self.knots, knots[spans] + widths / 3.0, knots[spans] + widths * 2.0 / 3.0]))
 
     def minimum_time(
-        self, before: FloatArray | None = None, guess: FeedProfile | None = None, *, cautious: bool = False
+        self, before: Restart | None = None, guess: FeedProfile | None = None, *, cautious: bool = False
     ) -> TimeSolution:
         """Least motion time on this mesh.
 
         Args:
-            before: control points that were the solution before the limits were lowered a little, shape (m + 2,).
+            before: where to restart from after the limits were lowered a little.
             guess: profile to start from, over a part of the window at least.
             cautious: see :func:`minimise_time`.
 
         Raises:
             SolverError: no solution was found from any guess.
         """
-        weights_mm = _BOOLE[:, None] * self.spline.widths_mm
-        rows = limit_rows(self.geometry, self.limits, self.spline.basis(_POINTS), weights_mm, self.scale)
+        rows = limit_rows(self.geometry, self.limits, self.spline.basis(POINTS), self.weights_mm, self.scale)
         drop_repeated(rows)
         if self.window.start is not None:
             release_start_state(rows)
@@ -119,8 +145,8 @@ class WindowSolve:
         return RestEnd(ratio=1.0 + 2.0 / 3.0 * span_mm / width_mm, outer_limit=p * float(np.cbrt(width_mm)) ** 4)
 
     def _guesses(
-        self, problem: TimeProblem, before: FloatArray | None, guess: FeedProfile | None
-    ) -> Iterator[FloatArray]:
+        self, problem: TimeProblem, before: Restart | None, guess: FeedProfile | None
+    ) -> Iterator[FloatArray | Restart]:
         """Starting points, the best first; those made here are below every limit known beforehand."""
         if before is not None:
             yield before
@@ -177,6 +203,15 @@ class WindowSolve:
             kind.insert(0, ElementKind.REST_START)
             elements = np.column_stack([[0.0, 0.0, 0.0, start_jerk], elements])
         return FeedProfile(np.array(kind, dtype=np.int64), self.knots, *elements)
+
+
+def _point_weights(toolpath: Toolpath, points_mm: FloatArray, widths_mm: FloatArray) -> FloatArray:
+    """Quadrature weights of the points, shape (p, m); 0 at those that spans over which little changes do without."""
+    bend_mm = toolpath.bend_length_mm(points_mm.ravel()).reshape(points_mm.shape)
+    bent = (widths_mm > _STRAIGHT * np.min(bend_mm, axis=0)) | (widths_mm < _FULL * np.max(widths_mm))
+    # Out of a sharp corner q changes by decades over a few spans.
+    near = np.convolve(bent, np.ones(2 * _AROUND + 1))[_AROUND : _AROUND + len(bent)] > 0.5
+    return np.asarray(np.where(near, _BOOLE[:, None], _SIMPSON[:, None]) * widths_mm)
 
 
 def _with_slope(values: FloatArray, s_mm: FloatArray, slope: float) -> FloatArray:

@@ -35,6 +35,10 @@ _FIRST_GAP = 0.3
 """Duality gap of the first iterate, as a part of its motion time."""
 _LEAST_SLACK = 0.5
 """Least slack of the first iterate."""
+_RESTART_GAP = 0.02
+"""Duality gap at which an iterate still has the room to restart from when limits are lowered a little."""
+_RESTART_SPREAD = 10.0
+"""Largest ratio of a product of slack and multiplier to their mean at a restart."""
 _GOOD_ENOUGH = 1e-3
 _USABLE = 0.1
 """What a cautious solve may leave: a feasible plan that is a little slow is better than a stop."""
@@ -77,17 +81,33 @@ class TimeProblem:
 
 
 @dataclass(frozen=True)
+class Restart:
+    """An iterate on the way to a solution, for problems that differ from that one in lower limits only.
+
+    Attributes:
+        c: control points, shape (m + 2,).
+        sides: slacks and multipliers, shape (m, p, n, 2, 2).
+        ends: of the limits of the outer control points, shape (2, 2).
+    """
+
+    c: FloatArray
+    sides: FloatArray
+    ends: FloatArray
+
+
+@dataclass(frozen=True)
 class TimeSolution:
     """Control points, shape (m + 2,), with the figures of the solve."""
 
     control_points: FloatArray
     iterations: int
     row_count: int
+    restart: Restart
 
 
 def minimise_time(
     problem: TimeProblem,
-    initial: FloatArray,
+    initial: FloatArray | Restart,
     *,
     cautious: bool = False,
     tolerance: float = 1e-4,
@@ -98,7 +118,8 @@ def minimise_time(
 
     Args:
         problem: objective, inequalities and end states.
-        initial: control points with q > 0 at every quadrature point, shape (m + 2,); need not be feasible.
+        initial: control points with q > 0 at every quadrature point, shape (m + 2,), need not be feasible; or where
+            to restart from.
         cautious: take the convex part of the curvature and shorter steps in every iteration.
         tolerance: relative duality gap and dual residual to reach.
         feasibility: largest violation of a row to leave.
@@ -111,9 +132,9 @@ def minimise_time(
 
 
 class _InteriorPoint:
-    def __init__(self, problem: TimeProblem, initial: FloatArray) -> None:
+    def __init__(self, problem: TimeProblem, initial: FloatArray | Restart) -> None:
         rows, start, end = problem.rows, problem.start, problem.end
-        c = initial.copy()
+        c = (initial.c if isinstance(initial, Restart) else initial).copy()
         if isinstance(start, FixedStart):
             c[:2] = start.first, start.second
             self.ends = Ends(0.0, end.ratio, 0.0, 1.0 / end.outer_limit)
@@ -125,21 +146,41 @@ class _InteriorPoint:
         ends = np.zeros((2, SIDE_SIZE))
         ends[:, SLACK] = _LEAST_SLACK
         self.rows = rows
-        self.at = Iterate(c, sides, np.empty((*rows.coefficients.shape[:3], 3)), ends)
+        self.at = Iterate(c, sides, np.empty((*rows.coefficients.shape[:3], 2)), ends)
         self.system = System(*(np.empty(len(c)) for _ in range(3)), *(np.empty((len(c), 3)) for _ in range(2)))
         self.size = int(np.count_nonzero(rows.inverse_limits)) + (1 if isinstance(start, FixedStart) else 2)
+        if isinstance(initial, Restart):
+            sides[..., : DUAL + 1], ends[:, : DUAL + 1] = initial.sides, initial.ends
         # The first look raises the slacks to the room there is; multipliers follow from them.
-        barrier = _FIRST_GAP * look(rows, self.ends, self.at, self.system)[0] / self.size
-        sides[..., DUAL] = barrier / sides[..., SLACK]
-        ends[:, DUAL] = barrier / ends[:, SLACK]
+        time = look(rows, self.ends, self.at, self.system, 0.0, 0.0)[0]
+        if isinstance(initial, Restart):
+            self._centre(_RESTART_GAP * time / self.size)
+        else:
+            barrier = _FIRST_GAP * time / self.size
+            sides[..., DUAL] = barrier / sides[..., SLACK]
+            ends[:, DUAL] = barrier / ends[:, SLACK]
+
+    def _centre(self, barrier: float) -> None:
+        for values in (self.at.sides, self.at.ends):
+            mean = barrier / values[..., SLACK]
+            np.clip(values[..., DUAL], mean / _RESTART_SPREAD, mean * _RESTART_SPREAD, out=values[..., DUAL])
 
     def solve(self, settings: Settings) -> TimeSolution:
-        end, iterations, gap, dual, excess = iterate(self.rows, self.ends, self.at, self.system, self.size, settings)
+        coarse = settings._replace(tolerance=_RESTART_GAP, feasibility=_RESTART_GAP)
+        end, iterations, gap, dual, excess = self._iterate(coarse)
+        restart = Restart(self.at.c.copy(), self.at.sides[..., : DUAL + 1].copy(), self.at.ends[:, : DUAL + 1].copy())
+        if end == CONVERGED:
+            before, left = iterations, settings.max_iterations - iterations
+            end, iterations, gap, dual, excess = self._iterate(settings._replace(max_iterations=left))
+            iterations += before
         close = _USABLE if settings.cautious else _GOOD_ENOUGH
         good_enough = end == OUT_OF_ITERATIONS and excess < settings.feasibility and max(gap, dual) < close
         if end == CONVERGED or good_enough:
-            return TimeSolution(self.at.c, iterations, self.size)
+            return TimeSolution(self.at.c, iterations, self.size, restart)
         raise SolverError(
             f"{_FAILURES[end]} after {iterations} iterations over {len(self.at.c)} control points: "
             f"gap {gap:.1e}, dual residual {dual:.1e}, limits exceeded by {excess:.1e}"
         )
+
+    def _iterate(self, settings: Settings) -> tuple[int, int, float, float, float]:
+        return iterate(self.rows, self.ends, self.at, self.system, self.size, settings)

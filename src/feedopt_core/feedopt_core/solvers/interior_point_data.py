@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 from feedopt_core.arrays import FloatArray
 
-LINE, BEND, ROOT, ROW_SIZE = 0, 3, 6, 7
-"""Places in ``Rows.coefficients``: three of the linear part, three of the bend, the factor of sqrt(q)."""
-SLACK, DUAL, RESIDUAL, BETA, D_SLACK, D_DUAL, SECOND, SIDE_SIZE = 0, 1, 2, 3, 4, 5, 6, 8
+LINE, BEND, ROOT, ROW_SIZE = 0, 2, 5, 6
+"""Places in ``Rows.coefficients``: two of the linear part, three of the bend, the factor of sqrt(q)."""
+SLACK, DUAL, RESIDUAL, ON_Q, D_SLACK, D_DUAL, SECOND, SIDE_SIZE = 0, 1, 2, 3, 4, 5, 6, 8
 """Places in ``Iterate.sides``; SECOND is the product of the predictor's steps. One side fills one cache line."""
 
 
@@ -16,8 +16,8 @@ class Rows(NamedTuple):
     """Two-sided rows at p points of m spans, n a point; see the module.
 
     Attributes:
-        basis: B, shape (m, p, 3).
-        weights_mm: quadrature weights along s, shape (m, p).
+        basis: q, q' and q'' by the control points of the span, shape (m, p, 3, 3).
+        weights_mm: quadrature weights along s, shape (m, p); points with a weight of 0 are left out.
         coefficients: shape (m, p, n, ROW_SIZE).
         inverse_limits: of y upwards and downwards, 0 where a side has no limit; shape (m, p, n, 2).
         over_root: 1 where the row is divided by sqrt(q), shape (n,).
@@ -36,13 +36,13 @@ class Iterate(NamedTuple):
     Attributes:
         c: control points, shape (m + 2,).
         sides: shape (m, p, n, 2, SIDE_SIZE).
-        gradients: D of each row, shape (m, p, n, 3).
+        slopes: D of each row by q' and q'', shape (m, p, n, 2).
         ends: limits of the outer control points, shape (2, SIDE_SIZE).
     """
 
     c: FloatArray
     sides: FloatArray
-    gradients: FloatArray
+    slopes: FloatArray
     ends: FloatArray
 
 

@@ -1,13 +1,14 @@
 """The passes of the interior point over spans, points, rows and sides, compiled.
 
-At every point of every span stand n two-sided rows. With c the three control points of the span, q = B c there and
+At every point of every span stand n two-sided rows, functions of q, q' and q'' there. With x = (q, q', q'') and
 D = linear + sqrt(q) bend,
 
-    y = linear c + sqrt(q) (root + bend c),    -limit_down <= y <= limit_up
+    y = linear x + sqrt(q) (root + bend x),    -limit_down <= y <= limit_up
 
-A side is linearised as ``sigma D + beta B`` with its residual exact, so two numbers a side are all that the normal
-matrix needs beside D and B. Rows with a bend are divided by sqrt(q) before they are linearised: y / sqrt(q) is linear
-in q'', and its right side limit / sqrt(q) is convex, so that the linearisation lies inside the limit.
+A side is linearised as ``sigma D + beta (1, 0, 0)`` with its residual exact, so its factor of q, a sign and two numbers
+a row are all that the normal matrix needs. Sums of a point are taken by x and turned to control points once. Rows with
+a bend are divided by sqrt(q) before they are linearised: y / sqrt(q) is linear in q'', and its right side
+limit / sqrt(q) is convex, so that the linearisation lies inside the limit.
 
 Everything is written out in scalars, and what belongs together lies together in memory: that is what makes it fast. It
 all stands in one module because numba looks at no other one to find out whether its code on disk is still good.
@@ -111,66 +112,51 @@ def _solve(factor: FloatArray, vector: FloatArray) -> None:
 
 
 @compiled
-def _add_square(band: FloatArray, k: int, weight: float, x0: float, x1: float, x2: float) -> None:
-    """Add ``weight x x'`` of span k."""
-    band[k, 0] += weight * x0 * x0
-    band[k, 1] += weight * x0 * x1
-    band[k, 2] += weight * x0 * x2
-    band[k + 1, 0] += weight * x1 * x1
-    band[k + 1, 1] += weight * x1 * x2
-    band[k + 2, 0] += weight * x2 * x2
+def _assemble(  # noqa: PLR0915 -- scalars
+    rows: Rows, at: Iterate, system: System, primal: float, dual_step: float
+) -> tuple[float, float, float]:
+    """Residuals, gradient, right side of the predictor and normal matrix, after the last steps of slacks and duals.
 
-
-@compiled
-def _add_product(band: FloatArray, k: int, x0: float, x1: float, x2: float, y0: float, y1: float, y2: float) -> None:
-    """Add ``x y' + y x'`` of span k."""
-    band[k, 0] += 2.0 * x0 * y0
-    band[k, 1] += x0 * y1 + x1 * y0
-    band[k, 2] += x0 * y2 + x2 * y0
-    band[k + 1, 0] += 2.0 * x1 * y1
-    band[k + 1, 1] += x1 * y2 + x2 * y1
-    band[k + 2, 0] += 2.0 * x2 * y2
-
-
-@compiled
-def _assemble(rows: Rows, at: Iterate, system: System) -> tuple[float, float, float]:  # noqa: PLR0915 -- scalars
-    """Residuals, gradient, right side of the predictor and normal matrix; slacks rise to the room a limit leaves.
+    Slacks rise to the room that a limit leaves.
 
     Returns:
         Motion time (not a number where q is not positive), sum of slack times multiplier, largest excess of a limit.
     """
     basis, weights, coefficients, limits, over_root = rows
     gradient, right, _, band, convex = system
-    sides, gradients = at.sides, at.gradients
+    sides, slopes = at.sides, at.slopes
     spans, points, count = coefficients.shape[:3]
     time = gap = excess = 0.0
     gradient[:], right[:], band[:], convex[:] = 0.0, 0.0, 0.0, 0.0
     for k in range(spans):
         c0, c1, c2 = at.c[k], at.c[k + 1], at.c[k + 2]
         for p in range(points):
-            b0, b1, b2 = basis[k, p, 0], basis[k, p, 1], basis[k, p, 2]
-            q = b0 * c0 + b1 * c1 + b2 * c2
+            if weights[k, p] == 0.0:
+                continue
+            v0, v1, v2 = basis[k, p, 0, 0], basis[k, p, 0, 1], basis[k, p, 0, 2]
+            s0, s1, s2 = basis[k, p, 1, 0], basis[k, p, 1, 1], basis[k, p, 1, 2]
+            n0, n1, n2 = basis[k, p, 2, 0], basis[k, p, 2, 1], basis[k, p, 2, 2]
+            q, slope, bend = v0 * c0 + v1 * c1 + v2 * c2, s0 * c0 + s1 * c1 + s2 * c2, n0 * c0 + n1 * c1 + n2 * c2
             if not q > 0.0:
                 return np.nan, gap, excess
             root_q, half_over_q = np.sqrt(q), 0.5 / q
             half_over_root = half_over_q * root_q
             weighted = 2.0 * weights[k, p] * half_over_root
             time += weighted
-            on_basis = right_basis = -weighted * half_over_q
+            g0 = r0 = -weighted * half_over_q
             exact = positive = 3.0 * weighted * half_over_q * half_over_q
-            square = x0 = x1 = x2 = h0 = h1 = h2 = g0 = g1 = g2 = r0 = r1 = r2 = 0.0
+            g1 = g2 = r1 = r2 = h0 = h1 = m00 = m01 = m02 = m11 = m12 = m22 = 0.0
             for i in range(count):
-                l0, l1, l2 = coefficients[k, p, i, 0], coefficients[k, p, i, 1], coefficients[k, p, i, 2]
-                straight = l0 * c0 + l1 * c1 + l2 * c2
-                divided, root = over_root[i] > 0.0, coefficients[k, p, i, 6]
-                d0, d1, d2 = l0, l1, l2
+                l0, l1, root = coefficients[k, p, i, 0], coefficients[k, p, i, 1], coefficients[k, p, i, 5]
+                d0, d1, d2 = l0, l1, 0.0
+                divided = over_root[i] > 0.0
                 if divided:
-                    d0 += root_q * coefficients[k, p, i, 3]
-                    d1 += root_q * coefficients[k, p, i, 4]
-                    d2 += root_q * coefficients[k, p, i, 5]
-                y = d0 * c0 + d1 * c1 + d2 * c2 + root * root_q
-                gradients[k, p, i, 0], gradients[k, p, i, 1], gradients[k, p, i, 2] = d0, d1, d2
-                dual_d = pull_d = square_d = cross_d = bent = 0.0
+                    d0 += root_q * coefficients[k, p, i, 2]
+                    d1 += root_q * coefficients[k, p, i, 3]
+                    d2 = root_q * coefficients[k, p, i, 4]
+                y, straight = d0 * q + d1 * slope + d2 * bend + root * root_q, l0 * q + l1 * slope
+                slopes[k, p, i, 0], slopes[k, p, i, 1] = d1, d2
+                dual_0 = dual_d = pull_0 = pull_d = omega_0 = omega_d = omega_dd = bent = 0.0
                 for side in range(2):
                     sigma = limits[k, p, i, side]
                     if sigma == 0.0:
@@ -179,50 +165,70 @@ def _assemble(rows: Rows, at: Iterate, system: System) -> tuple[float, float, fl
                         sigma = -sigma
                     over = sigma * y - 1.0
                     excess = max(excess, over)
-                    slack, dual = max(sides[k, p, i, side, 0], -over), sides[k, p, i, side, 1]
+                    slack = max(sides[k, p, i, side, 0] + primal * sides[k, p, i, side, 4], -over)
+                    dual = sides[k, p, i, side, 1] + dual_step * sides[k, p, i, side, 5]
                     residual = over + slack
                     omega = dual / slack
                     pull = omega * residual
+                    bending = dual * half_over_q
                     if divided:
                         beta = (1.0 - sigma * straight) * half_over_q
-                        curvature = -3.0 * dual * beta * half_over_q
-                        bent -= dual * sigma * half_over_q
+                        curvature = -3.0 * bending * beta
+                        bent -= bending * sigma
                     else:
                         beta = sigma * root * half_over_root
-                        curvature = -dual * beta * half_over_q
-                    sides[k, p, i, side, 0], sides[k, p, i, side, 2] = slack, residual
-                    sides[k, p, i, side, 3] = beta
+                        curvature = -bending * beta
+                    on_q = sigma * d0 + beta
+                    sides[k, p, i, side, 0], sides[k, p, i, side, 1] = slack, dual
+                    sides[k, p, i, side, 2], sides[k, p, i, side, 3] = residual, on_q
                     gap += slack * dual
                     exact += curvature
                     positive += max(curvature, 0.0)
-                    dual_d += sigma * dual
-                    on_basis += beta * dual
-                    pull_d += sigma * pull
-                    right_basis += beta * pull
-                    square_d += omega * sigma * sigma
-                    cross_d += omega * sigma * beta
-                    square += omega * beta * beta
-                g0, g1, g2 = g0 + dual_d * d0, g1 + dual_d * d1, g2 + dual_d * d2
-                r0, r1, r2 = r0 + pull_d * d0, r1 + pull_d * d1, r2 + pull_d * d2
-                x0, x1, x2 = x0 + cross_d * d0, x1 + cross_d * d1, x2 + cross_d * d2
-                h0, h1, h2 = h0 + bent * l0, h1 + bent * l1, h2 + bent * l2
-                _add_square(band, k, square_d, d0, d1, d2)
-            gradient[k] += g0 + on_basis * b0
-            gradient[k + 1] += g1 + on_basis * b1
-            gradient[k + 2] += g2 + on_basis * b2
-            right[k] += r0 + right_basis * b0
-            right[k + 1] += r1 + right_basis * b1
-            right[k + 2] += r2 + right_basis * b2
-            _add_square(band, k, square + exact, b0, b1, b2)
-            _add_product(band, k, x0 + h0, x1 + h1, x2 + h2, b0, b1, b2)
-            _add_square(convex, k, positive - exact, b0, b1, b2)
-            _add_product(convex, k, -h0, -h1, -h2, b0, b1, b2)
+                    dual_0 += dual * on_q
+                    dual_d += dual * sigma
+                    pull_0 += pull * on_q
+                    pull_d += pull * sigma
+                    omega_q, omega_s = omega * on_q, omega * sigma
+                    omega_0 += omega_q * on_q
+                    omega_d += omega_s * on_q
+                    omega_dd += omega_s * sigma
+                g0, g1, g2 = g0 + dual_0, g1 + dual_d * d1, g2 + dual_d * d2
+                r0, r1, r2 = r0 + pull_0, r1 + pull_d * d1, r2 + pull_d * d2
+                h0, h1 = h0 + bent * l0, h1 + bent * l1
+                e1, e2 = omega_dd * d1, omega_dd * d2
+                m00, m01, m02 = m00 + omega_0, m01 + omega_d * d1, m02 + omega_d * d2
+                m11, m12, m22 = m11 + e1 * d1, m12 + e1 * d2, m22 + e2 * d2
+            gradient[k] += g0 * v0 + g1 * s0 + g2 * n0
+            gradient[k + 1] += g0 * v1 + g1 * s1 + g2 * n1
+            gradient[k + 2] += g0 * v2 + g1 * s2 + g2 * n2
+            right[k] += r0 * v0 + r1 * s0 + r2 * n0
+            right[k + 1] += r0 * v1 + r1 * s1 + r2 * n1
+            right[k + 2] += r0 * v2 + r1 * s2 + r2 * n2
+            # The convex part leaves out what h and negative curvature add.
+            x00, m00, m01 = positive - exact - 2.0 * h0, m00 + exact + 2.0 * h0, m01 + h1
+            half = 0.5 * x00
+            x0, x1, x2 = half * v0 - h1 * s0, half * v1 - h1 * s1, half * v2 - h1 * s2
+            convex[k, 0] += 2.0 * x0 * v0
+            convex[k, 1] += x0 * v1 + x1 * v0
+            convex[k, 2] += x0 * v2 + x2 * v0
+            convex[k + 1, 0] += 2.0 * x1 * v1
+            convex[k + 1, 1] += x1 * v2 + x2 * v1
+            convex[k + 2, 0] += 2.0 * x2 * v2
+            x0, x1, x2 = m00 * v0 + m01 * s0 + m02 * n0, m00 * v1 + m01 * s1 + m02 * n1, m00 * v2 + m01 * s2 + m02 * n2
+            y0, y1, y2 = m01 * v0 + m11 * s0 + m12 * n0, m01 * v1 + m11 * s1 + m12 * n1, m01 * v2 + m11 * s2 + m12 * n2
+            z0, z1, z2 = m02 * v0 + m12 * s0 + m22 * n0, m02 * v1 + m12 * s1 + m22 * n1, m02 * v2 + m12 * s2 + m22 * n2
+            band[k, 0] += v0 * x0 + s0 * y0 + n0 * z0
+            band[k, 1] += v0 * x1 + s0 * y1 + n0 * z1
+            band[k, 2] += v0 * x2 + s0 * y2 + n0 * z2
+            band[k + 1, 0] += v1 * x1 + s1 * y1 + n1 * z1
+            band[k + 1, 1] += v1 * x2 + s1 * y2 + n1 * z2
+            band[k + 2, 0] += v2 * x2 + s2 * y2 + n2 * z2
     return time, gap, excess
 
 
 @compiled
-def _add_ends(ends: Ends, at: Iterate, system: System) -> tuple[float, float]:
-    """Limits of the outer control points; returns their part of gap and excess."""
+def _add_ends(ends: Ends, at: Iterate, system: System, primal: float, dual_step: float) -> tuple[float, float]:
+    """The same for the limits of the outer control points; returns their part of gap and excess."""
     gap = excess = 0.0
     last = len(at.c) - 1
     for end in range(2):
@@ -230,9 +236,9 @@ def _add_ends(ends: Ends, at: Iterate, system: System) -> tuple[float, float]:
         if inverse == 0.0:
             continue
         place = last if end else 0
-        over, dual = inverse * at.c[place] - 1.0, at.ends[end, 1]
-        slack = max(at.ends[end, 0], -over)
-        at.ends[end, 0], at.ends[end, 2] = slack, over + slack
+        over, dual = inverse * at.c[place] - 1.0, at.ends[end, 1] + dual_step * at.ends[end, 5]
+        slack = max(at.ends[end, 0] + primal * at.ends[end, 4], -over)
+        at.ends[end, 0], at.ends[end, 1], at.ends[end, 2] = slack, dual, over + slack
         gap += slack * dual
         excess = max(excess, over)
         system.gradient[place] += inverse * dual
@@ -244,30 +250,37 @@ def _add_ends(ends: Ends, at: Iterate, system: System) -> tuple[float, float]:
 @compiled
 def _predict(
     rows: Rows, ends: Ends, at: Iterate, system: System, step: FloatArray, weight: float
-) -> tuple[float, float, float, float, float]:
+) -> tuple[float, float, float, float]:
     """Look along the predictor: turns the right side into the corrector's and sets its centre.
 
     ``weight`` is that of the second-order terms: 1, or 0 to leave them out.
 
     Returns:
-        Longest primal and dual step as inverse ratios; three sums from which the gap after a step follows: of
-        d_slack * dual, slack * d_dual and d_slack * d_dual.
+        Smallest and largest step of a slack by that slack; sums of d_slack * dual and of d_slack * d_dual.
     """
-    basis, _, coefficients, limits, _ = rows
+    basis, weights, coefficients, limits, _ = rows
     _, right, centre, _, _ = system
-    sides, gradients = at.sides, at.gradients
+    sides, slopes = at.sides, at.slopes
     spans, points, count = coefficients.shape[:3]
-    primal = dual_ratio = by_slack = by_dual = both = 0.0
+    least = most = by_slack = both = 0.0
     centre[:] = 0.0
     for k in range(spans):
-        s0, s1, s2 = step[k], step[k + 1], step[k + 2]
+        c0, c1, c2 = step[k], step[k + 1], step[k + 2]
         for p in range(points):
-            b0, b1, b2 = basis[k, p, 0], basis[k, p, 1], basis[k, p, 2]
-            dq = b0 * s0 + b1 * s1 + b2 * s2
-            right_basis = centre_basis = r0 = r1 = r2 = m0 = m1 = m2 = 0.0
+            if weights[k, p] == 0.0:
+                continue
+            v0, v1, v2 = basis[k, p, 0, 0], basis[k, p, 0, 1], basis[k, p, 0, 2]
+            s0, s1, s2 = basis[k, p, 1, 0], basis[k, p, 1, 1], basis[k, p, 1, 2]
+            n0, n1, n2 = basis[k, p, 2, 0], basis[k, p, 2, 1], basis[k, p, 2, 2]
+            dq, d_slope, d_bend = (
+                v0 * c0 + v1 * c1 + v2 * c2,
+                s0 * c0 + s1 * c1 + s2 * c2,
+                n0 * c0 + n1 * c1 + n2 * c2,
+            )
+            r0 = r1 = r2 = m0 = m1 = m2 = 0.0
             for i in range(count):
-                d0, d1, d2 = gradients[k, p, i, 0], gradients[k, p, i, 1], gradients[k, p, i, 2]
-                dd = d0 * s0 + d1 * s1 + d2 * s2
+                d1, d2 = slopes[k, p, i, 0], slopes[k, p, i, 1]
+                dd = d1 * d_slope + d2 * d_bend
                 right_d = centre_d = 0.0
                 for side in range(2):
                     sigma = limits[k, p, i, side]
@@ -275,29 +288,32 @@ def _predict(
                         continue
                     if side == 1:
                         sigma = -sigma
-                    slack, dual, beta = sides[k, p, i, side, 0], sides[k, p, i, side, 1], sides[k, p, i, side, 3]
-                    inverse = 1.0 / slack
-                    d_slack = -sides[k, p, i, side, 2] - sigma * dd - beta * dq
+                    dual, on_q, inverse = (
+                        sides[k, p, i, side, 1],
+                        sides[k, p, i, side, 3],
+                        1.0 / sides[k, p, i, side, 0],
+                    )
+                    d_slack = -sides[k, p, i, side, 2] - sigma * dd - on_q * dq
                     relative = d_slack * inverse
-                    d_dual = -dual * (1.0 + relative)
-                    primal, dual_ratio = max(primal, -relative), max(dual_ratio, 1.0 + relative)
-                    second = weight * d_slack * d_dual
+                    product = -d_slack * dual * (1.0 + relative)
+                    second = weight * product
                     sides[k, p, i, side, 6] = second
+                    least, most = min(least, relative), max(most, relative)
                     by_slack += d_slack * dual
-                    by_dual += slack * d_dual
-                    both += d_slack * d_dual
-                    right_d -= sigma * second * inverse
-                    right_basis -= beta * second * inverse
+                    both += product
+                    pull = second * inverse
+                    r0 -= on_q * pull
+                    right_d -= sigma * pull
+                    m0 += on_q * inverse
                     centre_d += sigma * inverse
-                    centre_basis += beta * inverse
-                r0, r1, r2 = r0 + right_d * d0, r1 + right_d * d1, r2 + right_d * d2
-                m0, m1, m2 = m0 + centre_d * d0, m1 + centre_d * d1, m2 + centre_d * d2
-            right[k] += r0 + right_basis * b0
-            right[k + 1] += r1 + right_basis * b1
-            right[k + 2] += r2 + right_basis * b2
-            centre[k] += m0 + centre_basis * b0
-            centre[k + 1] += m1 + centre_basis * b1
-            centre[k + 2] += m2 + centre_basis * b2
+                r1, r2 = r1 + right_d * d1, r2 + right_d * d2
+                m1, m2 = m1 + centre_d * d1, m2 + centre_d * d2
+            right[k] += r0 * v0 + r1 * s0 + r2 * n0
+            right[k + 1] += r0 * v1 + r1 * s1 + r2 * n1
+            right[k + 2] += r0 * v2 + r1 * s2 + r2 * n2
+            centre[k] += m0 * v0 + m1 * s0 + m2 * n0
+            centre[k + 1] += m0 * v1 + m1 * s1 + m2 * n1
+            centre[k + 2] += m0 * v2 + m1 * s2 + m2 * n2
     for end in range(2):
         inverse_limit = ends.end_inverse_limit if end else ends.start_inverse_limit
         if inverse_limit == 0.0:
@@ -305,33 +321,36 @@ def _predict(
         place = len(at.c) - 1 if end else 0
         slack, dual = at.ends[end, 0], at.ends[end, 1]
         d_slack = -at.ends[end, 2] - inverse_limit * step[place]
-        d_dual = -dual * (1.0 + d_slack / slack)
-        primal, dual_ratio = max(primal, -d_slack / slack), max(dual_ratio, 1.0 + d_slack / slack)
+        relative = d_slack / slack
+        d_dual = -dual * (1.0 + relative)
+        least, most = min(least, relative), max(most, relative)
         at.ends[end, 6] = weight * d_slack * d_dual
         by_slack += d_slack * dual
-        by_dual += slack * d_dual
         both += d_slack * d_dual
         right[place] -= inverse_limit * at.ends[end, 6] / slack
         centre[place] += inverse_limit / slack
-    return primal, dual_ratio, by_slack, by_dual, both
+    return least, most, by_slack, both
 
 
 @compiled
 def _correct(rows: Rows, ends: Ends, at: Iterate, step: FloatArray, target: float) -> tuple[float, float, float]:
     """Steps of slacks and multipliers along the corrector; longest primal, dual and q step as inverse ratios."""
-    basis, _, coefficients, limits, _ = rows
-    sides, gradients = at.sides, at.gradients
+    basis, weights, coefficients, limits, _ = rows
+    sides, slopes = at.sides, at.slopes
     spans, points, count = coefficients.shape[:3]
     primal = dual_ratio = q_ratio = 0.0
     for k in range(spans):
         s0, s1, s2 = step[k], step[k + 1], step[k + 2]
-        c0, c1, c2 = at.c[k], at.c[k + 1], at.c[k + 2]
         for p in range(points):
-            b0, b1, b2 = basis[k, p, 0], basis[k, p, 1], basis[k, p, 2]
-            dq = b0 * s0 + b1 * s1 + b2 * s2
-            q_ratio = max(q_ratio, -dq / (b0 * c0 + b1 * c1 + b2 * c2))
+            if weights[k, p] == 0.0:
+                continue
+            v0, v1, v2 = basis[k, p, 0, 0], basis[k, p, 0, 1], basis[k, p, 0, 2]
+            dq = v0 * s0 + v1 * s1 + v2 * s2
+            d_slope = basis[k, p, 1, 0] * s0 + basis[k, p, 1, 1] * s1 + basis[k, p, 1, 2] * s2
+            d_bend = basis[k, p, 2, 0] * s0 + basis[k, p, 2, 1] * s1 + basis[k, p, 2, 2] * s2
+            q_ratio = max(q_ratio, -dq / (v0 * at.c[k] + v1 * at.c[k + 1] + v2 * at.c[k + 2]))
             for i in range(count):
-                dd = gradients[k, p, i, 0] * s0 + gradients[k, p, i, 1] * s1 + gradients[k, p, i, 2] * s2
+                dd = slopes[k, p, i, 0] * d_slope + slopes[k, p, i, 1] * d_bend
                 for side in range(2):
                     sigma = limits[k, p, i, side]
                     if sigma == 0.0:
@@ -342,8 +361,7 @@ def _correct(rows: Rows, ends: Ends, at: Iterate, step: FloatArray, target: floa
                     inverse = 1.0 / (slack * dual)
                     d_slack = -sides[k, p, i, side, 2] - sigma * dd - sides[k, p, i, side, 3] * dq
                     aim = target - sides[k, p, i, side, 6] - dual * d_slack
-                    d_dual = aim * dual * inverse - dual
-                    sides[k, p, i, side, 4], sides[k, p, i, side, 5] = d_slack, d_dual
+                    sides[k, p, i, side, 4], sides[k, p, i, side, 5] = d_slack, aim * dual * inverse - dual
                     primal = max(primal, -d_slack * dual * inverse)
                     dual_ratio = max(dual_ratio, 1.0 - aim * inverse)
     for end in range(2):
@@ -360,26 +378,20 @@ def _correct(rows: Rows, ends: Ends, at: Iterate, step: FloatArray, target: floa
 
 
 @compiled
-def _move(rows: Rows, at: Iterate, primal: float, dual: float) -> None:
-    """Take the corrector's steps of slacks and multipliers."""
-    sides = at.sides
-    spans, points, count = rows.coefficients.shape[:3]
-    for k in range(spans):
-        for p in range(points):
-            for i in range(count):
-                for side in range(2):
-                    sides[k, p, i, side, 0] += primal * sides[k, p, i, side, 4]
-                    sides[k, p, i, side, 1] += dual * sides[k, p, i, side, 5]
-    for end in range(2):
-        at.ends[end, 0] += primal * at.ends[end, 4]
-        at.ends[end, 1] += dual * at.ends[end, 5]
+def look(
+    rows: Rows, ends: Ends, at: Iterate, system: System, primal: float, dual_step: float
+) -> tuple[float, float, float]:
+    """Take the last steps of slacks and multipliers and set the linear system at the iterate.
 
+    Args:
+        rows, ends, at, system: control points of ``at`` already moved.
+        primal, dual_step: lengths of the steps of slacks and multipliers.
 
-@compiled
-def look(rows: Rows, ends: Ends, at: Iterate, system: System) -> tuple[float, float, float]:
-    """Set the linear system at the iterate; motion time, sum of slack times multiplier, largest excess of a limit."""
-    time, total, excess = _assemble(rows, at, system)
-    end_total, end_excess = _add_ends(ends, at, system)
+    Returns:
+        Motion time, sum of slack times multiplier, largest excess of a limit.
+    """
+    time, total, excess = _assemble(rows, at, system, primal, dual_step)
+    end_total, end_excess = _add_ends(ends, at, system, primal, dual_step)
     return time, total + end_total, max(excess, end_excess)
 
 
@@ -409,9 +421,10 @@ def iterate(
     """
     fraction = _CAUTIOUS_STEP_TO_BOUNDARY if settings.cautious else _STEP_TO_BOUNDARY
     gap = dual = excess = np.inf
+    primal = dual_step = 0.0
     short, stalls = False, 0
     for iteration in range(settings.max_iterations):
-        time, total, excess = look(rows, ends, at, system)
+        time, total, excess = look(rows, ends, at, system, primal, dual_step)
         _restrict(ends, system.gradient)
         dual, gap = np.sum(np.abs(system.gradient * at.c)) / time, total / time
         if gap < settings.tolerance and dual < settings.tolerance and excess < settings.feasibility:
@@ -426,11 +439,10 @@ def iterate(
             if not _factorise(factor):
                 return INDEFINITE, iteration, gap, dual, excess
         step = _direction(ends, factor, system.right)
-        primal_ratio, dual_ratio, by_slack, by_dual, both = _predict(
-            rows, ends, at, system, step, 0.0 if short else 1.0
-        )
-        primal, dual_step = _length(primal_ratio, 1.0), _length(dual_ratio, 1.0)
-        reached = total + primal * by_slack + dual_step * by_dual + primal * dual_step * both
+        least, most, by_slack, both = _predict(rows, ends, at, system, step, 0.0 if short else 1.0)
+        # Along the predictor slack * d_dual + d_slack * dual = -slack * dual: the sums and ratios of the dual follow.
+        primal, dual_step = _length(-least, 1.0), _length(1.0 + most, 1.0)
+        reached = total + primal * by_slack - dual_step * (total + by_slack) + primal * dual_step * both
         target = max(total * (reached / total) ** 3, _CENTRALITY * dual * time) / size
         if short:
             target = max(target, _RECENTRE * total / size)
@@ -442,5 +454,4 @@ def iterate(
         stalls = stalls + 1 if primal < _STALLED else 0
         at.c[:] += primal * step
         expand(ends, at.c)
-        _move(rows, at, primal, dual_step)
     return OUT_OF_ITERATIONS, settings.max_iterations, gap, dual, excess
