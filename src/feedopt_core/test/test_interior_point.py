@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -154,6 +154,29 @@ def test_the_guess_does_not_matter() -> None:
     ]
     for other in results[1:]:
         assert np.allclose(other, results[0], rtol=1e-4)
+
+
+def test_restart_under_lowered_limits_comes_to_the_same_optimum_sooner() -> None:
+    before = Straight.of(40, q_max=250.0, slope_limit=60.0, dip=150.0)
+    restart = minimise_time(before.problem(REST, REST), np.full(42, 20.0)).restart
+    lowered = replace(before, q_max=before.q_max * np.where(np.arange(40) % 9 == 4, 0.98, 1.0))
+    cold = minimise_time(lowered.problem(REST, REST), np.full(42, 20.0), tolerance=1e-7)
+    warm = minimise_time(lowered.problem(REST, REST), restart, tolerance=1e-7)
+    assert np.allclose(warm.control_points, cold.control_points, rtol=1e-3)
+    assert lowered.time(warm.control_points) == pytest.approx(lowered.time(cold.control_points), rel=1e-6)
+    assert warm.iterations < cold.iterations
+
+
+def test_points_without_a_weight_are_left_out() -> None:
+    """Their rows may say anything; limits they have none."""
+    straight = Straight.of(12, q_max=250.0, slope_limit=60.0)
+    problem = straight.problem(REST, REST)
+    expected = minimise_time(problem, np.full(14, 20.0))
+    wider = Rows(*(np.concatenate([part, part[:, -1:]], axis=1) for part in problem.rows[:4]), problem.rows.over_root)
+    wider.weights_mm[:, -1], wider.inverse_limits[:, -1] = 0.0, 0.0
+    wider.coefficients[:, -1] = np.nan
+    found = minimise_time(replace(problem, rows=wider), np.full(14, 20.0))
+    np.testing.assert_array_equal(found.control_points, expected.control_points)
 
 
 def test_result_counts_its_rows() -> None:

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from core_paths import spline, toolpath_of
+from core_paths import kinematic_machine, spline, toolpath_of
 
 from feedopt_core.feedrate.mesh import GROWTH, SPARE_GROWTH, KnotSpacing, graded_knots
+from feedopt_core.feedrate.method import Window
+from feedopt_core.feedrate.profile import FeedProfile
+from feedopt_core.feedrate.window_solve import WindowSolve, continued_knots
+from feedopt_core.limits.axis_limits import MotionLimits
 from feedopt_core.path.toolpath import Toolpath
 
 NOISE = np.column_stack([0.05 * np.arange(120), 1e-3 * np.sin(37.0 * np.arange(120) ** 2)])
 ZIGZAG = np.array([(1.0 * k, 3.0 * (k % 2)) for k in range(14)])
+PARTS = ("kind", "q_mm2_s2", "dq_ds_mm_s2", "d2q_ds2_per_s2", "jerk_mm_s3")
 GENTLE = np.array([(20.0 * k, 2.0 * (k % 3)) for k in range(8)])
 
 
@@ -63,6 +70,38 @@ def test_window_that_starts_in_motion_has_the_knots_of_the_one_before() -> None:
     start = before[len(before) // 2]
     after = window(toolpath, float(start), rest_mm=None)
     assert np.allclose(after, before[len(before) // 2 :], atol=1e-9)
+
+
+def test_knots_of_the_stop_before_go_on_in_its_first_half() -> None:
+    toolpath = toolpath_of(spline(GENTLE))
+    knots = window(toolpath, 3.0, rest_mm=None)
+    split = np.unique(np.concatenate([knots[knots < 40.0], [10.03, 35.03]]))
+    count = len(split) - 1
+    flat = np.zeros(count)
+    guess = FeedProfile(np.zeros(count, dtype=np.int64), split, np.full(count, 100.0), flat, flat, flat)
+    joints = toolpath.joints_mm(3.0, toolpath.end_mm)
+    continued = continued_knots(knots, guess, joints)
+    assert 10.03 in continued and 35.03 not in continued
+    assert np.all(np.diff(continued) > 0.0) and np.array_equal(continued[[0, -1]], knots[[0, -1]])
+    assert set(knots.tolist()) <= set(continued.tolist())
+    # On knots that do not fit, neither a sliver nor a joint that is lost.
+    shifted = np.concatenate([[3.0], knots[knots < 40.0][1:] + 0.249])
+    odd = replace(guess, **{field: getattr(guess, field)[: len(shifted) - 1] for field in PARTS}, s_mm=shifted)
+    continued = continued_knots(knots, odd, joints)
+    assert np.min(np.diff(continued[continued < 100.0])) > 0.05
+    assert set(joints[(joints > 25.0) & (joints < toolpath.end_mm)].tolist()) <= set(continued.tolist())
+
+
+@pytest.mark.parametrize(("radius_mm", "left_out"), [(60.0, True), (1.0, False)])
+def test_points_are_left_out_where_the_path_hardly_bends(radius_mm: float, left_out: bool) -> None:
+    angle = np.linspace(0.0, 1.5 * np.pi, 40)
+    toolpath = toolpath_of(spline(radius_mm * np.column_stack([np.cos(angle), np.sin(angle)])))
+    machine = kinematic_machine()
+    solve = WindowSolve(MotionLimits.of(machine), toolpath, Window(0.0, toolpath.end_mm), window(toolpath, 0.0))
+    middle = solve.weights_mm[:, solve.weights_mm.shape[1] // 2]
+    assert np.array_equal(middle == 0.0, [False, left_out, False, left_out, False])
+    np.testing.assert_allclose(solve.weights_mm.sum(axis=0), solve.spline.widths_mm)
+    assert np.all(solve.weights_mm[:, :8] > 0.0), "next to rest all of them count"
 
 
 def test_stop_held_in_reserve_has_fewer_knots_at_its_end_alone() -> None:

@@ -20,7 +20,7 @@ from feedopt_core.audit.report import ALLOWED_RATIO
 from feedopt_core.config.locate import config_directory
 from feedopt_core.config.machine import DriveModel, Machine, TrackingModel, load_machine
 from feedopt_core.errors import InfeasibleLimitsError, SolverError
-from feedopt_core.feedrate import window_solve
+from feedopt_core.feedrate import time_optimal, window_solve
 from feedopt_core.feedrate.method import Window
 from feedopt_core.feedrate.methods import METHOD_NAMES, make_method
 from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
@@ -202,6 +202,30 @@ def test_failing_solver_is_replaced_and_named(monkeypatch: pytest.MonkeyPatch, f
     monkeypatch.setattr(window_solve, "minimise_time", failing(failures))
     toolpath = toolpath_of([line(30.0)])
     assert method.plan(toolpath, Window(0.0, 30.0)).solver == solver
+
+
+def test_plan_a_hair_beyond_its_limits_is_taken_where_no_repair_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    method, toolpath = make_method("lp_nlp", free_drives(), 0.5), toolpath_of([line(30.0)])
+    expected = method.plan(toolpath, Window(0.0, 30.0))
+    solves = list[object]()
+
+    def once(*args: object, **kwargs: object) -> TimeSolution:
+        solves.append(args)
+        if len(solves) > 1:
+            raise SolverError("no room for a repair, for the test")
+        return minimise_time(*args, **kwargs)  # type: ignore[arg-type]
+
+    def beyond(ratio: float) -> Callable[..., FloatArray]:
+        return lambda _toolpath, _limits, profile: np.full(len(profile.kind), ratio)
+
+    monkeypatch.setattr(window_solve, "minimise_time", once)
+    monkeypatch.setattr(time_optimal, "limit_ratios", beyond(1.0007))
+    plan = method.plan(toolpath, Window(0.0, 30.0))
+    assert plan.solver == "nlp" and plan.profile.duration_s == expected.profile.duration_s
+    solves.clear()
+    monkeypatch.setattr(time_optimal, "limit_ratios", beyond(1.0009))
+    with pytest.raises(SolverError):
+        method.plan(toolpath, Window(0.0, 30.0))
 
 
 def test_plan_under_derived_limits_is_taken_where_both_solvers_fail(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,9 +64,9 @@ def continued_knots(knots: FloatArray, guess: FeedProfile, joints_mm: FloatArray
     They differ where knots were split. Of the others none but joints comes close to the last one of the guess.
     """
     known = guess.s_mm[guess.s_mm <= 0.5 * (guess.s_mm[0] + guess.s_mm[-1])]
-    if len(known) < 2:
+    if len(known) < 2 or known[-1] >= knots[-2]:
         return knots
-    behind = knots[knots > known[-1] + 0.3 * (known[-1] - known[-2])]
+    behind = knots[np.append(knots[:-1] > known[-1] + 0.3 * (known[-1] - known[-2]), True)]
     return np.concatenate([known, joints_mm[(joints_mm > known[-1]) & (joints_mm < behind[0])], behind])
 
 

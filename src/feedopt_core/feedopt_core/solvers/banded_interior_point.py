@@ -39,10 +39,9 @@ _RESTART_GAP = 0.02
 """Duality gap at which an iterate still has the room to restart from when limits are lowered a little."""
 _RESTART_SPREAD = 10.0
 """Largest ratio of a product of slack and multiplier to their mean at a restart."""
-_GOOD_ENOUGH = 1e-3
-_USABLE = 0.1
-"""What a cautious solve may leave: a feasible plan that is a little slow is better than a stop."""
-"""Duality gap and dual residual of a feasible iterate that is taken when the iterations run out."""
+_GOOD_ENOUGH, _USABLE = 1e-3, 0.1
+"""Duality gap and dual residual of a feasible iterate that is taken when the iterations run out, the latter by a
+cautious solve: a feasible plan that is a little slow is better than a stop."""
 _FAILURES = {
     OUT_OF_ITERATIONS: "no convergence",
     DIVERGED: "the iterations diverged or stalled",
