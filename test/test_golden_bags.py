@@ -43,7 +43,7 @@ MUTATIONS = [
         "t_commit_s=self._committed.t_s - float(",
         "planner",
     ),
-    ("corners", "feedopt_core.limits.rows", "1.5 * g2 * by", "1.6 * g2 * by", "planner"),
+    ("corners", "feedopt_core.limits.rows", "1.5 * on_j * d2", "1.6 * on_j * d2", "planner"),
     ("plate", "feedopt_core.feedrate.profile", "0.5 * jerk * from_rest", "0.6 * jerk * from_rest", "interpolator"),
     ("corners", "feedopt_core.interpolation.setpoints", "(v**2)[:, None]", "(v**3)[:, None]", "interpolator"),
     ("corners", "router_sim.plant", "_resolution_mm + 0.5)", "_resolution_mm + 0.4)", "router_sim"),

@@ -1,4 +1,4 @@
-"""The one array type of the core: float64 numpy arrays."""
+"""The array types of the core; what is measured is float64."""
 
 from __future__ import annotations
 
@@ -9,3 +9,4 @@ from numpy.typing import NDArray
 
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
+BoolArray: TypeAlias = NDArray[np.bool_]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from scipy.optimize import LinearConstraint, linprog, minimize
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import SolverError
 from feedopt_core.feedrate.mesh import QuadraticSpline
-from feedopt_core.solvers.banded_interior_point import FixedStart, RestEnd, TimeProblem, minimise_time
+from feedopt_core.solvers import banded_interior_point
+from feedopt_core.solvers.banded_interior_point import FixedStart, RestEnd, TimeProblem, TimeSolution, minimise_time
 from feedopt_core.solvers.interior_point_data import BEND, LINE, ROOT, ROW_SIZE, Rows
+from feedopt_core.solvers.interior_point_kernel import iterate
 
 Z = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90.0
@@ -165,6 +168,43 @@ def test_restart_under_lowered_limits_comes_to_the_same_optimum_sooner() -> None
     assert np.allclose(warm.control_points, cold.control_points, rtol=1e-3)
     assert lowered.time(warm.control_points) == pytest.approx(lowered.time(cold.control_points), rel=1e-6)
     assert warm.iterations < cold.iterations
+
+
+def solve_and_count(
+    straight: Straight, monkeypatch: pytest.MonkeyPatch, **thresholds: float
+) -> tuple[TimeSolution, list[int]]:
+    """A solution from rest to rest, and the number of sides that counted in each run of iterations."""
+    sizes = list[int]()
+
+    def counted(*arguments: Any) -> tuple[int, int, float, float, float]:
+        sizes.append(arguments[4])
+        return iterate(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(banded_interior_point, "iterate", counted)
+        for name, value in thresholds.items():
+            patch.setattr(banded_interior_point, name, value)
+        guess = np.full(len(straight.spline.widths_mm) + 2, 20.0)
+        return minimise_time(straight.problem(REST, REST), guess, tolerance=1e-8), sizes
+
+
+def test_few_sides_count_near_the_optimum_and_all_are_obeyed(monkeypatch: pytest.MonkeyPatch) -> None:
+    straight = Straight.of(40, q_max=250.0, slope_limit=60.0, dip=150.0)
+    solution, sizes = solve_and_count(straight, monkeypatch)
+    assert sizes[0] == solution.row_count and len(sizes) == 2 and sizes[1] < 0.6 * sizes[0]
+    assert np.max(dense(straight.rows) @ solution.control_points) <= 1.0 + 1e-8
+
+
+@pytest.mark.parametrize("selections", [5, 1])
+def test_optimum_on_too_few_sides_is_taken_up_again_on_more(monkeypatch: pytest.MonkeyPatch, selections: int) -> None:
+    straight = Straight.of(40, q_max=250.0, slope_limit=60.0, dip=150.0)
+    expected, _ = solve_and_count(straight, monkeypatch)
+    solution, sizes = solve_and_count(
+        straight, monkeypatch, _NEAR=0.02, _AT_A_LIMIT=np.inf, _NEARER=0.02, _SELECTIONS=selections
+    )
+    assert len(sizes) > 2 and sizes[1] < sizes[2]
+    assert np.max(dense(straight.rows) @ solution.control_points) <= 1.0 + 1e-8
+    assert straight.time(solution.control_points) == pytest.approx(straight.time(expected.control_points), rel=1e-7)
 
 
 def test_points_without_a_weight_are_left_out() -> None:

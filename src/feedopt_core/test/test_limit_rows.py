@@ -121,16 +121,47 @@ def test_rows_reach_one_exactly_where_a_drive_limit_is_reached(seed: int) -> Non
     assert np.allclose(used[4:6, 1], -error, rtol=1e-9, atol=1e-12)
 
 
-def test_axis_that_stands_still_has_friction_against_both_sides() -> None:
+def rows_of_a_line(y_share: float, limits: MotionLimits = DRIVEN, axis_matrix: FloatArray | None = None) -> Rows:
+    """Along X; Y makes a share of the motion."""
     toolpath = toolpath_of([line(10.0)])
     on = QuadraticSpline.on(np.linspace(1.0, 9.0, 5))
-    geometry = axis_geometry(toolpath, np.eye(2), span_points(on.knots_mm, Z))
+    matrix = np.eye(2) if axis_matrix is None else axis_matrix
+    geometry = axis_geometry(toolpath, matrix, span_points(on.knots_mm, Z))
+    geometry.g1[-1] = y_share
     shape = (len(Z), len(on.widths_mm))
-    rows = limit_rows(geometry, DRIVEN, on.basis(Z), np.ones(shape), np.ones(shape))
+    return limit_rows(geometry, limits, on.basis(Z), np.ones(shape), np.ones(shape))
+
+
+def test_axis_that_hardly_moves_has_friction_against_both_sides() -> None:
+    rows = rows_of_a_line(1e-12)
     # u = 10 V, c = 0.148 V, d = 0.241 V: X moves forwards, Y rests.
     x, y = 1.0 / rows.inverse_limits[0, 0, 3:5]
     assert np.allclose(10.0 * x, [10.0 - 0.148 - 0.241, 10.0 + 0.148 + 0.241])
     assert np.allclose(10.0 * y, [10.0 - 0.148 - 0.241, 10.0 + 0.148 - 0.241])
+
+
+def test_axis_that_stands_still_has_no_limits() -> None:
+    moving, still = rows_of_a_line(1e-12).inverse_limits, rows_of_a_line(0.0).inverse_limits
+    # Velocity of the path, then acceleration, control, jerk and tracking error of X and Y.
+    assert np.all(moving[:, :, 1:] > 0.0)
+    assert np.all(still[:, :, 2::2] == 0.0)
+    np.testing.assert_array_equal(still[:, :, 1::2], moving[:, :, 1::2])
+
+
+def test_drives_that_move_alike_share_the_lowest_kinematic_limits() -> None:
+    gantry = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    motion = replace(
+        LIMITS,
+        axis_matrix=gantry,
+        velocity_mm_s=np.full(3, 90.0),
+        acceleration_mm_s2=np.array([400.0, 300.0, 700.0]),
+        jerk_mm_s3=np.array([9000.0, 9000.0, 20000.0]),
+    )
+    rows = rows_of_a_line(0.5, MotionLimits(("XR", "XL", "Y"), motion), gantry)
+    # Velocity, acceleration of the second X and of Y, jerk of the first X and of Y.
+    assert rows.coefficients.shape[2] == 5
+    assert np.allclose(rows.coefficients[0, 0, 1:3, LINE + 1], [0.5 / 300.0, 0.25 / 700.0])
+    assert np.allclose(rows.coefficients[0, 0, 3:5, BEND + 2], [0.5 / 9000.0, 0.25 / 20000.0])
 
 
 def test_limits_that_are_not_given_have_no_rows() -> None:

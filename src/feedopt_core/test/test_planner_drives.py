@@ -20,7 +20,7 @@ from feedopt_core.audit.report import ALLOWED_RATIO
 from feedopt_core.config.locate import config_directory
 from feedopt_core.config.machine import DriveModel, Machine, TrackingModel, load_machine
 from feedopt_core.errors import InfeasibleLimitsError, SolverError
-from feedopt_core.feedrate import time_optimal, window_solve
+from feedopt_core.feedrate import window_solve
 from feedopt_core.feedrate.method import Window
 from feedopt_core.feedrate.methods import METHOD_NAMES, make_method
 from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
@@ -216,14 +216,14 @@ def test_plan_a_hair_beyond_its_limits_is_taken_where_no_repair_works(monkeypatc
         return minimise_time(*args, **kwargs)  # type: ignore[arg-type]
 
     def beyond(ratio: float) -> Callable[..., FloatArray]:
-        return lambda _toolpath, _limits, profile: np.full(len(profile.kind), ratio)
+        return lambda solve, profile: np.full(len(profile[solve.spline_elements].kind), ratio)
 
     monkeypatch.setattr(window_solve, "minimise_time", once)
-    monkeypatch.setattr(time_optimal, "limit_ratios", beyond(1.0007))
+    monkeypatch.setattr(window_solve.WindowSolve, "limit_ratios", beyond(1.0007))
     plan = method.plan(toolpath, Window(0.0, 30.0))
     assert plan.solver == "nlp" and plan.profile.duration_s == expected.profile.duration_s
     solves.clear()
-    monkeypatch.setattr(time_optimal, "limit_ratios", beyond(1.0009))
+    monkeypatch.setattr(window_solve.WindowSolve, "limit_ratios", beyond(1.0009))
     with pytest.raises(SolverError):
         method.plan(toolpath, Window(0.0, 30.0))
 

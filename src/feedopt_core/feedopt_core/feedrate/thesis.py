@@ -111,7 +111,7 @@ class _ThesisWindow:
             solution = self._linear_solution()
             iterations += solution.iterations
             profile = mesh.profile(solution.control_points)
-            excess = limit_ratios(self._toolpath, self._method.limits, profile[mesh.spline_elements])
+            excess = mesh.limit_ratios(profile)
             worst = float(np.max(excess))
             if worst <= _ACCEPTED:
                 return _window_plan(profile, solution, iterations)

@@ -15,10 +15,9 @@ import numpy as np
 from feedopt_core.errors import SolverError
 from feedopt_core.feedrate.method import Window, WindowPlan
 from feedopt_core.feedrate.profile import FeedProfile
-from feedopt_core.feedrate.window_solve import SPLIT_ABOVE, WindowSolve, continued_knots, window_knots
+from feedopt_core.feedrate.window_solve import WindowSolve, continued_knots, window_knots
 from feedopt_core.limits.axis_limits import MotionLimits
 from feedopt_core.limits.derived import braking_limits, ramp_limits
-from feedopt_core.limits.excess import limit_ratios
 from feedopt_core.limits.stopping import longest_stop_mm
 from feedopt_core.path.toolpath import Toolpath
 from feedopt_core.solvers.banded_interior_point import Restart
@@ -26,6 +25,8 @@ from feedopt_core.solvers.banded_interior_point import Restart
 _REPAIRS = 8
 _ACCEPTED, _TOLERABLE = 1.0001, 1.0008
 """Ratio to a limit between the points that needs no repair, and one that the audit lets pass where no repair works."""
+_SPLIT_ABOVE = 1.02
+"""The same from which on knots are split; below it the limits are lowered there."""
 _KNOTS_OF_A_STOP = 4.0
 _REFINEMENT = 3.0
 """Part of the knot spacing that the robust solver works on."""
@@ -90,32 +91,35 @@ class TimeOptimalMethod:
             knots = continued_knots(knots, window.guess, toolpath.joints_mm(window.start_mm, window.end_mm))
         solve = WindowSolve(self.limits, toolpath, window, knots)
         name = f"{self.solver}_robust" if robust else self.solver
-        iterations, worst = 0, np.inf
+        iterations, worst, excess = 0, np.inf, np.empty(0)
         before: Restart | None = None
         tolerable: WindowPlan | None = None
         for _ in range(_REPAIRS):
             try:
                 solution = solve.minimum_time(before, guess, cautious=robust)
             except SolverError:
-                # Beside a given state there may be no room to lower a limit.
+                if before is not None:
+                    # Beside a given state there may be no room to lower a limit: more knots there instead.
+                    solve, before = solve.split(excess > _ACCEPTED), None
+                    continue
                 if tolerable is None:
                     raise
                 return tolerable
             iterations += solution.iterations
             dips = solve.dips(solution.control_points)
-            if np.any(dips > 1.0):
-                solve, before = WindowSolve(self.limits, toolpath, window, solve.split_knots(dips)), None
+            if np.any(dips):
+                solve, before = solve.split(dips), None
                 continue
             profile = solve.profile(solution.control_points)
-            excess = limit_ratios(toolpath, self.limits, profile[solve.spline_elements])
+            excess = solve.limit_ratios(profile)
             worst = float(np.max(excess))
             plan = WindowPlan(profile, name, len(solution.control_points), solution.row_count, iterations)
             if worst <= _ACCEPTED:
                 return plan
             if worst <= _TOLERABLE:
                 tolerable = plan
-            if worst > SPLIT_ABOVE:
-                solve, before = WindowSolve(self.limits, toolpath, window, solve.split_knots(excess)), None
+            if worst > _SPLIT_ABOVE:
+                solve, before = solve.split(excess > 0.5 * (1.0 + _SPLIT_ABOVE)), None
             else:
                 solve.tighten(excess)
                 before = solution.restart

@@ -6,13 +6,21 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from feedopt_core.arrays import FloatArray
+from feedopt_core.arrays import BoolArray, FloatArray
 from feedopt_core.errors import SolverError
 from feedopt_core.feedrate.mesh import KnotSpacing, QuadraticSpline, graded_knots
 from feedopt_core.feedrate.method import Window
 from feedopt_core.feedrate.profile import ElementKind, FeedProfile
-from feedopt_core.limits.axis_limits import KinematicLimits, MotionLimits, axis_geometry, span_points, steady_q_limit
+from feedopt_core.limits.axis_limits import (
+    AxisGeometry,
+    KinematicLimits,
+    MotionLimits,
+    axis_geometry,
+    span_points,
+    steady_q_limit,
+)
 from feedopt_core.limits.derived import attainable_limits
+from feedopt_core.limits.excess import FineGrid
 from feedopt_core.limits.rest import rest_length_mm, rest_scale_limit
 from feedopt_core.limits.rows import drop_repeated, limit_rows, release_start_state
 from feedopt_core.path.toolpath import Toolpath
@@ -36,9 +44,7 @@ _AROUND = 8
 """So many spans on either side of one where it bends count as that."""
 _MARGIN = 5e-4
 _RELAXED_MM = 20.0
-SPLIT_ABOVE = 1.02
-"""Ratio to a limit between the points from which on knots are split; below it the limits are lowered there."""
-_LOW, _VERY_LOW = 0.5, 0.02
+_LOW, _VERY_LOW = 0.7, 0.02
 """Parts of the largest q known beforehand that the optimisation starts from."""
 _RAMP = 0.5
 """Part of acceleration and jerk that the start of the optimisation uses to leave a slow place."""
@@ -80,8 +86,9 @@ class WindowSolve:
         self.spline = QuadraticSpline.on(self.knots[first:-1])
         self.points_mm = span_points(self.spline.knots_mm, POINTS)
         self.geometry = axis_geometry(toolpath, limits.kinematic.axis_matrix, self.points_mm)
+        self._fine: FineGrid | None = None
         self.scale = np.broadcast_to(self._margin(self.points_mm), self.points_mm.shape).copy()
-        self.weights_mm = _point_weights(toolpath, self.points_mm, self.spline.widths_mm)
+        self.weights_mm = _point_weights(self.geometry, limits.kinematic.axis_matrix, self.spline.widths_mm)
 
     def _margin(self, s_mm: FloatArray) -> FloatArray:
         """Factor on the limits: what a window leaves at its end, the next one finds as room at its start."""
@@ -96,12 +103,11 @@ class WindowSolve:
         spread[:-1] = np.maximum(spread[:-1], excess[1:])
         self.scale /= np.maximum(1.0, 1.0 + 1.2 * (spread - 1.0))
 
-    def split_knots(self, excess: FloatArray) -> FloatArray:
-        """Knots with two more in each span where a limit was exceeded noticeably; excess has shape (m,)."""
-        spans = np.flatnonzero(excess > 0.5 * (1.0 + SPLIT_ABOVE))
-        knots = self.spline.knots_mm
-        widths = np.diff(knots)[spans]
-        return np.unique(np.concatenate([self.knots, knots[spans] + widths / 3.0, knots[spans] + widths * 2.0 / 3.0]))
+    def split(self, spans: BoolArray) -> WindowSolve:
+        """The same window with two more knots in each of these spans, shape (m,)."""
+        knots, widths = self.spline.knots_mm[:-1][spans], self.spline.widths_mm[spans]
+        split = np.unique(np.concatenate([self.knots, knots + widths / 3.0, knots + widths * 2.0 / 3.0]))
+        return WindowSolve(self.limits, self.toolpath, self.window, split)
 
     def minimum_time(
         self, before: Restart | None = None, guess: FeedProfile | None = None, *, cautious: bool = False
@@ -114,15 +120,17 @@ class WindowSolve:
             cautious: see :func:`minimise_time`.
 
         Raises:
-            SolverError: no solution was found from any guess.
+            SolverError: no solution was found from there, or from any guess.
         """
         rows = limit_rows(self.geometry, self.limits, self.spline.basis(POINTS), self.weights_mm, self.scale)
         drop_repeated(rows)
         if self.window.start is not None:
             release_start_state(rows)
         problem = TimeProblem(rows, self._start(), self._end())
+        if before is not None:
+            return minimise_time(problem, before, cautious=cautious)
         failure: SolverError | None = None
-        for initial in self._guesses(problem, before, guess):
+        for initial in self._guesses(problem, guess):
             try:
                 return minimise_time(problem, initial, cautious=cautious)
             except SolverError as error:
@@ -144,12 +152,8 @@ class WindowSolve:
         p = rest_scale_limit(self.toolpath, self.limits, s_rest_mm, width_mm, sign, scale)
         return RestEnd(ratio=1.0 + 2.0 / 3.0 * span_mm / width_mm, outer_limit=p * float(np.cbrt(width_mm)) ** 4)
 
-    def _guesses(
-        self, problem: TimeProblem, before: Restart | None, guess: FeedProfile | None
-    ) -> Iterator[FloatArray | Restart]:
+    def _guesses(self, problem: TimeProblem, guess: FeedProfile | None) -> Iterator[FloatArray]:
         """Starting points, the best first; those made here are below every limit known beforehand."""
-        if before is not None:
-            yield before
         s, ceiling = self._ceiling(problem)
         low = _LOW * ceiling
         if guess is not None:
@@ -183,12 +187,18 @@ class WindowSolve:
         ceiling = _with_slope(ceiling, s, 2.0 * acceleration)
         return s, _with_slope(ceiling**0.75, s, float(np.sqrt(4.5 * jerk))) ** (4.0 / 3.0)
 
-    def dips(self, control_points: FloatArray) -> FloatArray:
-        """2 where q falls to zero between the points of a span, which next to a very slow place it may, else 1."""
+    def limit_ratios(self, profile: FeedProfile) -> FloatArray:
+        """Largest ratio to a limit on each span, between the points as well, shape (m,)."""
+        if self._fine is None:
+            self._fine = FineGrid(self.toolpath, self.limits.kinematic.axis_matrix, self.spline.knots_mm)
+        return self._fine.limit_ratios(self.limits, profile[self.spline_elements])
+
+    def dips(self, control_points: FloatArray) -> BoolArray:
+        """Spans between whose points q falls to zero, which next to a very slow place it may, shape (m,)."""
         q, slope, bend = self.spline.start_of_spans(control_points)
         lowest_mm = np.clip(-slope / np.where(bend > 0.0, bend, np.inf), 0.0, self.spline.widths_mm)
         lowest = q + (slope + 0.5 * bend * lowest_mm) * lowest_mm
-        return np.where(lowest > 0.0, 1.0, 2.0)
+        return np.asarray(lowest <= 0.0)
 
     def profile(self, control_points: FloatArray) -> FeedProfile:
         """Profile of control points, shape (m + 2,), with the elements at rest."""
@@ -205,9 +215,13 @@ class WindowSolve:
         return FeedProfile(np.array(kind, dtype=np.int64), self.knots, *elements)
 
 
-def _point_weights(toolpath: Toolpath, points_mm: FloatArray, widths_mm: FloatArray) -> FloatArray:
+def _point_weights(geometry: AxisGeometry, axis_matrix: FloatArray, widths_mm: FloatArray) -> FloatArray:
     """Quadrature weights of the points, shape (p, m); 0 at those that spans over which little changes do without."""
-    bend_mm = toolpath.bend_length_mm(points_mm.ravel()).reshape(points_mm.shape)
+    # As Toolpath.bend_length_mm, from what the axes see of the bends.
+    size = float(np.linalg.norm(axis_matrix, 2))
+    curvature, change = (np.sqrt(np.sum(g**2, axis=0)) / size for g in (geometry.g2, geometry.g3))
+    with np.errstate(divide="ignore"):
+        bend_mm = 1.0 / np.maximum(curvature, np.sqrt(change))
     bent = (widths_mm > _STRAIGHT * np.min(bend_mm, axis=0)) | (widths_mm < _FULL * np.max(widths_mm))
     # Out of a sharp corner q changes by decades over a few spans.
     near = np.convolve(bent, np.ones(2 * _AROUND + 1))[_AROUND : _AROUND + len(bent)] > 0.5

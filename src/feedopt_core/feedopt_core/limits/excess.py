@@ -14,24 +14,40 @@ from feedopt_core.path.toolpath import Toolpath
 _LEAST_SAMPLES = 25
 
 
-def limit_ratios(toolpath: Toolpath, limits: MotionLimits, profile: FeedProfile) -> FloatArray:
-    """Largest ratio of any quantity to its limit on each element, shape (m,).
+class FineGrid:
+    """Places between knots at which limits are looked up, with the geometry of the axes there.
 
     Args:
-        toolpath: holds the profile's arc lengths.
-        limits: of the axes and the feed.
-        profile: QUADRATIC elements only.
+        toolpath: holds the knots.
+        axis_matrix: axis map.
+        s_mm: increasing knots, shape (m + 1,).
     """
-    samples = samples_between(toolpath, profile.s_mm, _LEAST_SAMPLES)
-    e = samples.owner
-    widths = np.diff(profile.s_mm)[e]
-    inset = np.minimum(ONE_SIDED_MM, 1e-3 * widths)
-    x = inset + samples.z * (widths - 2.0 * inset)
-    geometry = axis_geometry(toolpath, limits.kinematic.axis_matrix, profile.s_mm[e] + x)
-    bend = profile.d2q_ds2_per_s2[e]
-    slope = profile.dq_ds_mm_s2[e] + bend * x
-    q = profile.q_mm2_s2[e] + (profile.dq_ds_mm_s2[e] + 0.5 * bend * x) * x
-    return np.asarray(np.maximum.reduceat(largest_ratios(limits, geometry, q, slope, bend), samples.first))
+
+    def __init__(self, toolpath: Toolpath, axis_matrix: FloatArray, s_mm: FloatArray) -> None:
+        self._samples = samples_between(toolpath, s_mm, _LEAST_SAMPLES)
+        owner, widths = self._samples.owner, np.diff(s_mm)[self._samples.owner]
+        inset = np.minimum(ONE_SIDED_MM, 1e-3 * widths)
+        self._x_mm = inset + self._samples.z * (widths - 2.0 * inset)
+        self._geometry = axis_geometry(toolpath, axis_matrix, s_mm[owner] + self._x_mm)
+
+    def limit_ratios(self, limits: MotionLimits, profile: FeedProfile) -> FloatArray:
+        """Largest ratio of any quantity to its limit on each element, shape (m,).
+
+        Args:
+            limits: of the axes and the feed.
+            profile: QUADRATIC elements on the knots of the grid only.
+        """
+        e, x = self._samples.owner, self._x_mm
+        bend = profile.d2q_ds2_per_s2[e]
+        slope = profile.dq_ds_mm_s2[e] + bend * x
+        q = profile.q_mm2_s2[e] + (profile.dq_ds_mm_s2[e] + 0.5 * bend * x) * x
+        ratios = largest_ratios(limits, self._geometry, q, slope, bend)
+        return np.asarray(np.maximum.reduceat(ratios, self._samples.first))
+
+
+def limit_ratios(toolpath: Toolpath, limits: MotionLimits, profile: FeedProfile) -> FloatArray:
+    """See :meth:`FineGrid.limit_ratios`, on a grid of its own."""
+    return FineGrid(toolpath, limits.kinematic.axis_matrix, profile.s_mm).limit_ratios(limits, profile)
 
 
 def largest_ratios(

@@ -12,12 +12,13 @@ in each case:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.limits.axis_limits import AxisGeometry, ControlLimits, MotionLimits, TrackingLimits, q_limit
+from feedopt_core.compiled import compiled
+from feedopt_core.limits.axis_limits import AxisGeometry, MotionLimits, q_limit
 from feedopt_core.solvers.interior_point_data import BEND, LINE, ROOT, ROW_SIZE, Rows
 
 _NO_DIRECTION = 1e-9
@@ -26,14 +27,15 @@ _SAME = 1e-6
 """Relative difference of numbers that say the same."""
 
 
-@dataclass
-class _Row:
-    """One row at all points: limits (m, p, 2); linear part by q and q', bend by q, q' and q'', root, (m, p) each."""
+class _Recipe(NamedTuple):
+    """A limit of one axis: gains on A, sqrt(q) W and g1 sqrt(q), and the constant part, all divided by the limit."""
 
-    limits: FloatArray
-    linear: tuple[FloatArray, FloatArray] | None = None
-    bend: tuple[FloatArray, FloatArray, FloatArray] | None = None
-    root: FloatArray | None = None
+    axis: int
+    acceleration: float = 0.0
+    jerk: float = 0.0
+    velocity: float = 0.0
+    offset: float = 0.0
+    friction: float = 0.0
 
 
 def limit_rows(
@@ -52,74 +54,106 @@ def limit_rows(
         weights_mm: quadrature weights, shape (p, m); a point without one has no limits either.
         scale: factor on every limit at the points, shape (p, m), at most 1.
     """
-    factor = scale.T
-    g1, g2, g3 = (part.transpose(0, 2, 1) for part in (geometry.g1, geometry.g2, geometry.g3))
-    both = np.ones((*factor.shape, 2))
-    bound = (q_limit(geometry, limits.kinematic) * scale**2).T
-    rows = [_Row(both * [1.0, np.inf], (1.0 / bound, np.zeros_like(bound)))]
-    for axis, limit in enumerate(limits.kinematic.acceleration_mm_s2):
-        if np.isfinite(limit):
-            rows.append(_Row(both, _acceleration(g1[axis], g2[axis], 1.0 / (limit * factor))))
-    if limits.control is not None:
-        rows += [_control_row(limits.control, axis, g1[axis], g2[axis], factor) for axis in range(len(g1))]
-    for axis, limit in enumerate(limits.kinematic.jerk_mm_s3):
-        if np.isfinite(limit):
-            rows.append(_Row(both, bend=_jerk(g1[axis], g2[axis], g3[axis], 1.0 / (limit * factor))))
-    if limits.tracking is not None:
-        rows += [
-            _tracking_row(limits.tracking, axis, (g1[axis], g2[axis], g3[axis]), factor) for axis in range(len(g1))
+    recipes = np.array(_recipes(limits)).reshape(-1, len(_Recipe._fields))
+    shape = (*weights_mm.T.shape, 1 + len(recipes))
+    coefficients, inverse_limits = np.empty((*shape, ROW_SIZE)), np.empty((*shape, 2))
+    inverse_bound = 1.0 / (q_limit(geometry, limits.kinematic) * scale**2)
+    factors = (weights_mm > 0.0) / scale
+    _fill(coefficients, inverse_limits, geometry.g1, geometry.g2, geometry.g3, inverse_bound, factors, recipes)
+    over_root = np.concatenate([[0.0], recipes[:, _Recipe._fields.index("jerk")] != 0.0])
+    local = np.ascontiguousarray(np.stack(basis).transpose(3, 2, 0, 1))
+    return Rows(local, np.ascontiguousarray(weights_mm.T), coefficients, inverse_limits, over_root)
+
+
+def _recipes(limits: MotionLimits) -> list[_Recipe]:
+    kinematic, control, tracking = limits.kinematic, limits.control, limits.tracking
+    axes = range(len(kinematic.axis_matrix))
+    acceleration = 1.0 / _lowest_of_alike(kinematic.acceleration_mm_s2, kinematic.axis_matrix)
+    jerk = 1.0 / _lowest_of_alike(kinematic.jerk_mm_s3, kinematic.axis_matrix)
+    recipes = [_Recipe(axis, acceleration=acceleration[axis]) for axis in axes if acceleration[axis] > 0.0]
+    if control is not None:
+        recipes += [
+            _Recipe(
+                axis,
+                acceleration=control.inertia_volts_s2_mm[axis] / control.limit_volts[axis],
+                velocity=control.viscous_volts_s_mm[axis] / control.limit_volts[axis],
+                offset=control.offset_volts[axis] / control.limit_volts[axis],
+                friction=control.coulomb_volts[axis] / control.limit_volts[axis],
+            )
+            for axis in axes
         ]
-    return _stacked(rows, np.stack(basis).transpose(3, 2, 0, 1), np.ascontiguousarray(weights_mm.T))
+    recipes += [_Recipe(axis, jerk=jerk[axis]) for axis in axes if jerk[axis] > 0.0]
+    if tracking is not None:
+        recipes += [
+            _Recipe(
+                axis,
+                acceleration=tracking.ka_s2[axis] / tracking.limit_mm[axis],
+                jerk=tracking.kj_s3[axis] / tracking.limit_mm[axis],
+                velocity=tracking.kv_s[axis] / tracking.limit_mm[axis],
+            )
+            for axis in axes
+        ]
+    return recipes
 
 
-def _acceleration(g1: FloatArray, g2: FloatArray, by: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return g2 * by, 0.5 * g1 * by
+def _lowest_of_alike(limits: FloatArray, axis_matrix: FloatArray) -> FloatArray:
+    """Limits of the axes, infinite where another axis makes the same motion under a lower or the same one, (n_axes,).
+
+    So it is with the two drives of a gantry.
+    """
+    lowest = limits.copy()
+    for axis, row in enumerate(axis_matrix):
+        alike = np.flatnonzero(np.all(axis_matrix == row, axis=1))
+        if axis != alike[np.argmin(limits[alike])]:
+            lowest[axis] = np.inf
+    return lowest
 
 
-def _jerk(g1: FloatArray, g2: FloatArray, g3: FloatArray, by: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    return g3 * by, 1.5 * g2 * by, 0.5 * g1 * by
+@compiled
+def _fill(
+    coefficients: FloatArray,
+    inverse_limits: FloatArray,
+    g1: FloatArray,
+    g2: FloatArray,
+    g3: FloatArray,
+    inverse_bound: FloatArray,
+    factors: FloatArray,
+    recipes: FloatArray,
+) -> None:
+    """Rows at all points.
 
-
-def _control_row(control: ControlLimits, axis: int, g1: FloatArray, g2: FloatArray, factor: FloatArray) -> _Row:
-    allowed = control.limit_volts[axis] * factor
-    offset, friction = control.offset_volts[axis], control.coulomb_volts[axis]
-    sign = np.sign(g1)
-    # An axis that hardly moves may do so in either direction between the points.
-    both = np.abs(g1) < _NO_DIRECTION
-    up = allowed - offset - np.where(both, friction, sign * friction)
-    down = allowed + offset + np.where(both, -friction, sign * friction)
-    return _Row(
-        limits=np.stack([up, down], axis=-1) / allowed[..., None],
-        linear=_acceleration(g1, g2, control.inertia_volts_s2_mm[axis] / allowed),
-        root=control.viscous_volts_s_mm[axis] * g1 / allowed,
-    )
-
-
-def _tracking_row(
-    tracking: TrackingLimits, axis: int, g: tuple[FloatArray, FloatArray, FloatArray], factor: FloatArray
-) -> _Row:
-    allowed = tracking.limit_mm[axis] * factor
-    return _Row(
-        limits=np.ones((*factor.shape, 2)),
-        linear=_acceleration(g[0], g[1], tracking.ka_s2[axis] / allowed),
-        bend=_jerk(*g, tracking.kj_s3[axis] / allowed),
-        root=tracking.kv_s[axis] * g[0] / allowed,
-    )
-
-
-def _stacked(rows: list[_Row], basis: FloatArray, weights_mm: FloatArray) -> Rows:
-    """Rows of a problem; basis has shape (m, p, 3, 3)."""
-    shape = (*weights_mm.shape, len(rows))
-    coefficients, inverse_limits = np.zeros((*shape, ROW_SIZE)), np.empty((*shape, 2))
-    for index, row in enumerate(rows):
-        inverse_limits[:, :, index] = 1.0 / row.limits
-        root = None if row.root is None else (row.root,)
-        for place, part in ((LINE, row.linear), (BEND, row.bend), (ROOT, root)):
-            for offset, values in enumerate(part or ()):
-                coefficients[:, :, index, place + offset] = values
-    inverse_limits[weights_mm == 0.0] = 0.0
-    over_root = np.array([float(row.bend is not None) for row in rows])
-    return Rows(np.ascontiguousarray(basis), weights_mm, coefficients, inverse_limits, over_root)
+    Args:
+        coefficients, inverse_limits: of :class:`Rows`, filled.
+        g1, g2, g3: geometry, shape (n_axes, p, m).
+        inverse_bound: one over the largest q, shape (p, m).
+        factors: one over the factor on the limits, 0 at points without limits, shape (p, m).
+        recipes: shape (n - 1, 6), see ``_Recipe``.
+    """
+    coefficients[:], inverse_limits[:] = 0.0, 0.0
+    points, spans = factors.shape
+    for k in range(spans):
+        for p in range(points):
+            factor = factors[p, k]
+            if factor == 0.0:
+                continue
+            coefficients[k, p, 0, LINE], inverse_limits[k, p, 0, 0] = inverse_bound[p, k], 1.0
+            for i in range(len(recipes)):
+                axis = int(recipes[i, 0])
+                d1, d2, d3 = g1[axis, p, k], g2[axis, p, k], g3[axis, p, k]
+                if d1 == 0.0 and d2 == 0.0 and d3 == 0.0:
+                    # A limit of an axis that stands still says nothing.
+                    continue
+                on_a, on_j, on_v = recipes[i, 1] * factor, recipes[i, 2] * factor, recipes[i, 3] * factor
+                offset, friction = recipes[i, 4] * factor, recipes[i, 5] * factor
+                row, inverse = coefficients[k, p, i + 1], inverse_limits[k, p, i + 1]
+                row[LINE], row[LINE + 1] = on_a * d2, 0.5 * on_a * d1
+                row[BEND], row[BEND + 1], row[BEND + 2] = on_j * d3, 1.5 * on_j * d2, 0.5 * on_j * d1
+                row[ROOT] = on_v * d1
+                # An axis that hardly moves may do so in either direction between the points.
+                both = abs(d1) < _NO_DIRECTION
+                forwards = friction if both else np.sign(d1) * friction
+                backwards = friction if both else -forwards
+                inverse[0], inverse[1] = 1.0 / (1.0 - offset - forwards), 1.0 / (1.0 + offset - backwards)
 
 
 def release_start_state(rows: Rows) -> None:
@@ -130,12 +164,26 @@ def release_start_state(rows: Rows) -> None:
 
 def drop_repeated(rows: Rows) -> None:
     """Take off the ends of spans what the starts of the next ones say as well: rows without q'' where nothing jumps."""
-    end, start = rows.coefficients[:-1, -1], rows.coefficients[1:, 0]
-    # q and q' are continuous: what is left of such a row are its factors of q, q' and sqrt(q), and its limits.
-    same = np.all(_close(end[..., [LINE, LINE + 1, ROOT]], start[..., [LINE, LINE + 1, ROOT]]), axis=-1)
-    same &= np.all(_close(rows.inverse_limits[:-1, -1], rows.inverse_limits[1:, 0]), axis=-1)
-    rows.inverse_limits[:-1, -1][same & (rows.over_root == 0.0)] = 0.0
+    _drop_repeated(rows.coefficients, rows.inverse_limits, rows.over_root)
 
 
-def _close(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(np.abs(a - b) <= _SAME * np.abs(b))
+@compiled
+def _drop_repeated(coefficients: FloatArray, inverse_limits: FloatArray, over_root: FloatArray) -> None:
+    last = coefficients.shape[1] - 1
+    for k in range(len(coefficients) - 1):
+        for i in range(len(over_root)):
+            if over_root[i] > 0.0:
+                continue
+            # q and q' are continuous: what is left of such a row are its factors of q, q' and sqrt(q), and its limits.
+            end, start = coefficients[k, last, i], coefficients[k + 1, 0, i]
+            same = _close(end[LINE], start[LINE]) and _close(end[LINE + 1], start[LINE + 1])
+            same = same and _close(end[ROOT], start[ROOT])
+            for side in range(2):
+                same = same and _close(inverse_limits[k, last, i, side], inverse_limits[k + 1, 0, i, side])
+            if same:
+                inverse_limits[k, last, i] = 0.0
+
+
+@compiled
+def _close(a: float, b: float) -> bool:
+    return abs(a - b) <= _SAME * abs(b)

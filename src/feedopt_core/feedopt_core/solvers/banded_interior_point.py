@@ -10,17 +10,32 @@ of spans.
 Rows are linearised anew in every iteration, with exact residuals. The normal matrix holds their exact curvature; where
 that makes it indefinite, their convex part. Mehrotra's predictor and corrector (Wright, Primal-Dual Interior-Point
 Methods, ch. 10) with infeasible start. The problem is not convex: the result is a stationary point.
+
+Of the sides of all rows one or two in ten come near their limits. So all count until the duality gap is small, then
+only those near theirs; what that finds must obey the others too, or those that come near there are taken in and it goes
+on from where the gap was small. An optimum on a part of the sides that obeys all of them is one on all.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from feedopt_core.arrays import FloatArray
+from feedopt_core.arrays import BoolArray, FloatArray, IntArray
 from feedopt_core.errors import SolverError
-from feedopt_core.solvers.interior_point_data import DUAL, SIDE_SIZE, SLACK, Ends, Iterate, Rows, Settings, System
+from feedopt_core.solvers.interior_point_data import (
+    DUAL,
+    SIDE_SIZE,
+    SLACK,
+    Ends,
+    Iterate,
+    PackedRows,
+    Rows,
+    Settings,
+    System,
+)
 from feedopt_core.solvers.interior_point_kernel import (
     CONVERGED,
     DIVERGED,
@@ -28,15 +43,21 @@ from feedopt_core.solvers.interior_point_kernel import (
     OUT_OF_ITERATIONS,
     expand,
     iterate,
-    look,
 )
+from feedopt_core.solvers.packed_rows import packed, part, rooms
 
-_FIRST_GAP = 0.3
+_FIRST_GAP = 0.6
 """Duality gap of the first iterate, as a part of its motion time."""
 _LEAST_SLACK = 0.5
 """Least slack of the first iterate."""
 _RESTART_GAP = 0.02
-"""Duality gap at which an iterate still has the room to restart from when limits are lowered a little."""
+"""Duality gap from which on few sides count; the iterate still has the room for limits that are lowered a little."""
+_NEAR, _NEARER = 0.7, 0.3
+"""Room of a side, as a part of its limit, up to which it counts at that gap; the same at an optimum on too few."""
+_AT_A_LIMIT = 0.03
+"""Room of a side at a limit, at that gap."""
+_SELECTIONS = 5
+"""So many selections of sides are tried, then all count."""
 _RESTART_SPREAD = 10.0
 """Largest ratio of a product of slack and multiplier to their mean at a restart."""
 _GOOD_ENOUGH, _USABLE = 1e-3, 0.1
@@ -85,11 +106,13 @@ class Restart:
 
     Attributes:
         c: control points, shape (m + 2,).
-        sides: slacks and multipliers, shape (m, p, n, 2, 2).
+        index: places of its rows among those of all points, increasing, shape (n,).
+        sides: their slacks and multipliers, shape (n, 2, 2).
         ends: of the limits of the outer control points, shape (2, 2).
     """
 
     c: FloatArray
+    index: IntArray
     sides: FloatArray
     ends: FloatArray
 
@@ -109,7 +132,7 @@ def minimise_time(
     initial: FloatArray | Restart,
     *,
     cautious: bool = False,
-    tolerance: float = 1e-4,
+    tolerance: float = 1e-5,
     feasibility: float = 1e-8,
     max_iterations: int = 60,
 ) -> TimeSolution:
@@ -130,9 +153,21 @@ def minimise_time(
     return _InteriorPoint(problem, initial).solve(Settings(cautious, tolerance, feasibility, max_iterations))
 
 
+class _Found(NamedTuple):
+    """How a run of iterations ended; see ``interior_point_kernel.iterate``."""
+
+    end: int
+    iterations: int = 0
+    gap: float = 0.0
+    dual: float = 0.0
+    excess: float = 0.0
+
+
 class _InteriorPoint:
+    """One problem, its rows packed, and the iterate that it starts from."""
+
     def __init__(self, problem: TimeProblem, initial: FloatArray | Restart) -> None:
-        rows, start, end = problem.rows, problem.start, problem.end
+        start, end = problem.start, problem.end
         c = (initial.c if isinstance(initial, Restart) else initial).copy()
         if isinstance(start, FixedStart):
             c[:2] = start.first, start.second
@@ -140,46 +175,96 @@ class _InteriorPoint:
         else:
             self.ends = Ends(start.ratio, end.ratio, 1.0 / start.outer_limit, 1.0 / end.outer_limit)
         expand(self.ends, c)
-        sides = np.zeros((*rows.inverse_limits.shape, SIDE_SIZE))
-        sides[..., SLACK] = _LEAST_SLACK
-        ends = np.zeros((2, SIDE_SIZE))
-        ends[:, SLACK] = _LEAST_SLACK
-        self.rows = rows
-        self.at = Iterate(c, sides, np.empty((*rows.coefficients.shape[:3], 2)), ends)
+        self.rows, self.index = packed(problem.rows)
+        self.limited = self.rows.inverse_limits != 0.0
         self.system = System(*(np.empty(len(c)) for _ in range(3)), *(np.empty((len(c), 3)) for _ in range(2)))
-        self.size = int(np.count_nonzero(rows.inverse_limits)) + (1 if isinstance(start, FixedStart) else 2)
+        self.size = self._size(self.rows)
+        self.room = np.empty(self.rows.inverse_limits.shape)
+        time = rooms(self.rows, c, self.room)
+        end_room = np.array([1.0 - self.ends.start_inverse_limit * c[0], 1.0 - self.ends.end_inverse_limit * c[-1]])
+        self.restarted = isinstance(initial, Restart)
         if isinstance(initial, Restart):
-            sides[..., : DUAL + 1], ends[:, : DUAL + 1] = initial.sides, initial.ends
-        # The first look raises the slacks to the room there is; multipliers follow from them.
-        time = look(rows, self.ends, self.at, self.system, 0.0, 0.0)[0]
-        if isinstance(initial, Restart):
-            self._centre(_RESTART_GAP * time / self.size)
+            barrier = _RESTART_GAP * time / self.size
+            sides = _centred(self._known(initial), self.room, barrier)
+            ends = _centred(initial.ends, end_room, barrier)
         else:
             barrier = _FIRST_GAP * time / self.size
-            sides[..., DUAL] = barrier / sides[..., SLACK]
-            ends[:, DUAL] = barrier / ends[:, SLACK]
+            sides, ends = _first(self.room, barrier), _first(end_room, barrier)
+        self.first = Restart(c, self.index, sides, ends)
 
-    def _centre(self, barrier: float) -> None:
-        for values in (self.at.sides, self.at.ends):
-            mean = barrier / values[..., SLACK]
-            np.clip(values[..., DUAL], mean / _RESTART_SPREAD, mean * _RESTART_SPREAD, out=values[..., DUAL])
+    def _size(self, rows: PackedRows) -> int:
+        end_limits = (self.ends.start_inverse_limit > 0.0) + (self.ends.end_inverse_limit > 0.0)
+        return int(np.count_nonzero(rows.inverse_limits)) + end_limits
+
+    def _known(self, restart: Restart) -> FloatArray:
+        """Slacks and multipliers of a restart on the rows of this problem; none where it had no such row."""
+        place = np.minimum(np.searchsorted(restart.index, self.index), len(restart.index) - 1)
+        same = restart.index[place] == self.index
+        return np.where(same[:, None, None], restart.sides[place], [_LEAST_SLACK, 0.0])
 
     def solve(self, settings: Settings) -> TimeSolution:
-        coarse = settings._replace(tolerance=_RESTART_GAP, feasibility=_RESTART_GAP)
-        end, iterations, gap, dual, excess = self._iterate(coarse)
-        restart = Restart(self.at.c.copy(), self.at.sides[..., : DUAL + 1].copy(), self.at.ends[:, : DUAL + 1].copy())
-        if end == CONVERGED:
-            before, left = iterations, settings.max_iterations - iterations
-            end, iterations, gap, dual, excess = self._iterate(settings._replace(max_iterations=left))
-            iterations += before
+        """See :func:`minimise_time`."""
+        found, restart = _Found(CONVERGED), self.first
+        if not self.restarted:
+            coarse = settings._replace(tolerance=_RESTART_GAP, feasibility=_RESTART_GAP)
+            found, restart = self._iterate(restart, None, coarse)
+        iterations, last = found.iterations, restart
+        if found.end == CONVERGED:
+            found, last, refining = self._refine(restart, settings)
+            iterations += refining
         close = _USABLE if settings.cautious else _GOOD_ENOUGH
-        good_enough = end == OUT_OF_ITERATIONS and excess < settings.feasibility and max(gap, dual) < close
-        if end == CONVERGED or good_enough:
-            return TimeSolution(self.at.c, iterations, self.size, restart)
+        good_enough = found.end == OUT_OF_ITERATIONS and found.excess < settings.feasibility
+        if found.end == CONVERGED or (good_enough and max(found.gap, found.dual) < close):
+            return TimeSolution(last.c, iterations, self.size, restart)
         raise SolverError(
-            f"{_FAILURES[end]} after {iterations} iterations over {len(self.at.c)} control points: "
-            f"gap {gap:.1e}, dual residual {dual:.1e}, limits exceeded by {excess:.1e}"
+            f"{_FAILURES[found.end]} after {iterations} iterations over {len(last.c)} control points: "
+            f"gap {found.gap:.1e}, dual residual {found.dual:.1e}, limits exceeded by {found.excess:.1e}"
         )
 
-    def _iterate(self, settings: Settings) -> tuple[int, int, float, float, float]:
-        return iterate(self.rows, self.ends, self.at, self.system, self.size, settings)
+    def _refine(self, start: Restart, settings: Settings) -> tuple[_Found, Restart, int]:
+        """Iterate on the sides near their limits until none of the others is exceeded, else on all; all iterations."""
+        slack, rows, iterations = start.sides[..., SLACK], self.rows, 0
+        near = slack < _NEAR
+        # The fastest motion is at some limit everywhere. Where it is close to none yet, any may turn out to be the one.
+        nearest = np.minimum.reduceat(np.minimum(slack[:, 0], slack[:, 1]), rows.first[:, 0])
+        near |= np.repeat(nearest > _AT_A_LIMIT, np.sum(rows.counts, axis=1))[:, None]
+        for _ in range(_SELECTIONS):
+            near &= self.limited
+            found, last = self._iterate(start, near, settings)
+            iterations += found.iterations
+            if found.end != CONVERGED:
+                break
+            rooms(rows, last.c, self.room)
+            if np.min(self.room, where=~near, initial=0.0) >= -settings.feasibility:
+                return found, last, iterations
+            near |= self.room < _NEARER
+        found, last = self._iterate(start, None, settings)
+        return found, last, iterations + found.iterations
+
+    def _iterate(self, start: Restart, sides: BoolArray | None, settings: Settings) -> tuple[_Found, Restart]:
+        """Iterate on some sides, shape (n, 2), or on all; the last iterate holds those only."""
+        rows, index, known = self.rows, self.index, start.sides
+        if sides is not None:
+            rows, kept = part(rows, sides)
+            index, known = index[kept], known[kept]
+        at = Iterate(
+            start.c.copy(), np.zeros((len(index), 2, SIDE_SIZE)), np.empty((len(index), 2)), np.zeros((2, SIDE_SIZE))
+        )
+        at.sides[..., : DUAL + 1], at.ends[:, : DUAL + 1] = known, start.ends
+        size = self._size(rows)
+        found = _Found(*iterate(rows, self.ends, at, self.system, size, size / self.size, settings))
+        last = Restart(at.c, index, at.sides[..., : DUAL + 1].copy(), at.ends[:, : DUAL + 1].copy())
+        return found, last
+
+
+def _first(room: FloatArray, barrier: float) -> FloatArray:
+    """Slacks and multipliers of a first iterate, shape (..., 2), from the room there is, shape (...)."""
+    slack = np.maximum(room, _LEAST_SLACK)
+    return np.stack([slack, barrier / slack], axis=-1)
+
+
+def _centred(known: FloatArray, room: FloatArray, barrier: float) -> FloatArray:
+    """The slacks raised to the room there is, the multipliers kept close to what belongs to them; shape (..., 2)."""
+    slack = np.maximum(known[..., SLACK], room)
+    mean = barrier / slack
+    return np.stack([slack, np.clip(known[..., DUAL], mean / _RESTART_SPREAD, mean * _RESTART_SPREAD)], axis=-1)

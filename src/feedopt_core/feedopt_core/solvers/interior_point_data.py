@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from feedopt_core.arrays import FloatArray
+from feedopt_core.arrays import FloatArray, IntArray
 
 LINE, BEND, ROOT, ROW_SIZE = 0, 2, 5, 6
 """Places in ``Rows.coefficients``: two of the linear part, three of the bend, the factor of sqrt(q)."""
@@ -30,13 +30,33 @@ class Rows(NamedTuple):
     over_root: FloatArray
 
 
+class PackedRows(NamedTuple):
+    """The rows that have a limit, point by point, in one piece of memory.
+
+    Attributes:
+        basis, weights_mm: as those of :class:`Rows`.
+        first, counts: index of the first row of each point, and their number, shape (m, p).
+        coefficients: shape (n, ROW_SIZE).
+        inverse_limits: shape (n, 2).
+        over_root: shape (n,).
+    """
+
+    basis: FloatArray
+    weights_mm: FloatArray
+    first: IntArray
+    counts: IntArray
+    coefficients: FloatArray
+    inverse_limits: FloatArray
+    over_root: FloatArray
+
+
 class Iterate(NamedTuple):
     """Control points, slacks and multipliers with the steps on them.
 
     Attributes:
         c: control points, shape (m + 2,).
-        sides: shape (m, p, n, 2, SIDE_SIZE).
-        slopes: D of each row by q' and q'', shape (m, p, n, 2).
+        sides: of packed rows, shape (n, 2, SIDE_SIZE).
+        slopes: D of each row by q' and q'', shape (n, 2).
         ends: limits of the outer control points, shape (2, SIDE_SIZE).
     """
 

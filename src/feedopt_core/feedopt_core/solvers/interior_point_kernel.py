@@ -20,7 +20,7 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.compiled import compiled
-from feedopt_core.solvers.interior_point_data import Ends, Iterate, Rows, Settings, System
+from feedopt_core.solvers.interior_point_data import Ends, Iterate, PackedRows, Settings, System
 
 CONVERGED, OUT_OF_ITERATIONS, DIVERGED, INDEFINITE = 0, 1, 2, 3
 """How the iterations ended."""
@@ -33,7 +33,7 @@ _SHORT, _RECENTRE = 0.2, 0.5
 _STALLED, _MOST_STALLS = 1e-3, 8
 """So many primal steps in a row shorter than this lead nowhere."""
 _CENTRALITY = 0.5
-"""Least duality gap to aim at, as a part of the dual residual: a gap far below it makes the steps short."""
+"""Least duality gap of all sides to aim at, as a part of the dual residual: a gap far below it makes short steps."""
 
 
 @compiled
@@ -113,7 +113,7 @@ def _solve(factor: FloatArray, vector: FloatArray) -> None:
 
 @compiled
 def _assemble(  # noqa: PLR0915 -- scalars
-    rows: Rows, at: Iterate, system: System, primal: float, dual_step: float
+    rows: PackedRows, at: Iterate, system: System, primal: float, dual_step: float
 ) -> tuple[float, float, float]:
     """Residuals, gradient, right side of the predictor and normal matrix, after the last steps of slacks and duals.
 
@@ -122,10 +122,10 @@ def _assemble(  # noqa: PLR0915 -- scalars
     Returns:
         Motion time (not a number where q is not positive), sum of slack times multiplier, largest excess of a limit.
     """
-    basis, weights, coefficients, limits, over_root = rows
+    basis, weights, first, counts, coefficients, limits, over_root = rows
     gradient, right, _, band, convex = system
     sides, slopes = at.sides, at.slopes
-    spans, points, count = coefficients.shape[:3]
+    spans, points = weights.shape
     time = gap = excess = 0.0
     gradient[:], right[:], band[:], convex[:] = 0.0, 0.0, 0.0, 0.0
     for k in range(spans):
@@ -146,27 +146,27 @@ def _assemble(  # noqa: PLR0915 -- scalars
             g0 = r0 = -weighted * half_over_q
             exact = positive = 3.0 * weighted * half_over_q * half_over_q
             g1 = g2 = r1 = r2 = h0 = h1 = m00 = m01 = m02 = m11 = m12 = m22 = 0.0
-            for i in range(count):
-                l0, l1, root = coefficients[k, p, i, 0], coefficients[k, p, i, 1], coefficients[k, p, i, 5]
+            for r in range(first[k, p], first[k, p] + counts[k, p]):
+                l0, l1, root = coefficients[r, 0], coefficients[r, 1], coefficients[r, 5]
                 d0, d1, d2 = l0, l1, 0.0
-                divided = over_root[i] > 0.0
+                divided = over_root[r] > 0.0
                 if divided:
-                    d0 += root_q * coefficients[k, p, i, 2]
-                    d1 += root_q * coefficients[k, p, i, 3]
-                    d2 = root_q * coefficients[k, p, i, 4]
+                    d0 += root_q * coefficients[r, 2]
+                    d1 += root_q * coefficients[r, 3]
+                    d2 = root_q * coefficients[r, 4]
                 y, straight = d0 * q + d1 * slope + d2 * bend + root * root_q, l0 * q + l1 * slope
-                slopes[k, p, i, 0], slopes[k, p, i, 1] = d1, d2
+                slopes[r, 0], slopes[r, 1] = d1, d2
                 dual_0 = dual_d = pull_0 = pull_d = omega_0 = omega_d = omega_dd = bent = 0.0
                 for side in range(2):
-                    sigma = limits[k, p, i, side]
+                    sigma = limits[r, side]
                     if sigma == 0.0:
                         continue
                     if side == 1:
                         sigma = -sigma
                     over = sigma * y - 1.0
                     excess = max(excess, over)
-                    slack = max(sides[k, p, i, side, 0] + primal * sides[k, p, i, side, 4], -over)
-                    dual = sides[k, p, i, side, 1] + dual_step * sides[k, p, i, side, 5]
+                    slack = max(sides[r, side, 0] + primal * sides[r, side, 4], -over)
+                    dual = sides[r, side, 1] + dual_step * sides[r, side, 5]
                     residual = over + slack
                     omega = dual / slack
                     pull = omega * residual
@@ -179,8 +179,8 @@ def _assemble(  # noqa: PLR0915 -- scalars
                         beta = sigma * root * half_over_root
                         curvature = -bending * beta
                     on_q = sigma * d0 + beta
-                    sides[k, p, i, side, 0], sides[k, p, i, side, 1] = slack, dual
-                    sides[k, p, i, side, 2], sides[k, p, i, side, 3] = residual, on_q
+                    sides[r, side, 0], sides[r, side, 1] = slack, dual
+                    sides[r, side, 2], sides[r, side, 3] = residual, on_q
                     gap += slack * dual
                     exact += curvature
                     positive += max(curvature, 0.0)
@@ -249,7 +249,7 @@ def _add_ends(ends: Ends, at: Iterate, system: System, primal: float, dual_step:
 
 @compiled
 def _predict(
-    rows: Rows, ends: Ends, at: Iterate, system: System, step: FloatArray, weight: float
+    rows: PackedRows, ends: Ends, at: Iterate, system: System, step: FloatArray, weight: float
 ) -> tuple[float, float, float, float]:
     """Look along the predictor: turns the right side into the corrector's and sets its centre.
 
@@ -258,16 +258,16 @@ def _predict(
     Returns:
         Smallest and largest step of a slack by that slack; sums of d_slack * dual and of d_slack * d_dual.
     """
-    basis, weights, coefficients, limits, _ = rows
+    basis, first, counts, limits = rows.basis, rows.first, rows.counts, rows.inverse_limits
     _, right, centre, _, _ = system
     sides, slopes = at.sides, at.slopes
-    spans, points, count = coefficients.shape[:3]
+    spans, points = counts.shape
     least = most = by_slack = both = 0.0
     centre[:] = 0.0
     for k in range(spans):
         c0, c1, c2 = step[k], step[k + 1], step[k + 2]
         for p in range(points):
-            if weights[k, p] == 0.0:
+            if counts[k, p] == 0:
                 continue
             v0, v1, v2 = basis[k, p, 0, 0], basis[k, p, 0, 1], basis[k, p, 0, 2]
             s0, s1, s2 = basis[k, p, 1, 0], basis[k, p, 1, 1], basis[k, p, 1, 2]
@@ -278,26 +278,26 @@ def _predict(
                 n0 * c0 + n1 * c1 + n2 * c2,
             )
             r0 = r1 = r2 = m0 = m1 = m2 = 0.0
-            for i in range(count):
-                d1, d2 = slopes[k, p, i, 0], slopes[k, p, i, 1]
+            for r in range(first[k, p], first[k, p] + counts[k, p]):
+                d1, d2 = slopes[r, 0], slopes[r, 1]
                 dd = d1 * d_slope + d2 * d_bend
                 right_d = centre_d = 0.0
                 for side in range(2):
-                    sigma = limits[k, p, i, side]
+                    sigma = limits[r, side]
                     if sigma == 0.0:
                         continue
                     if side == 1:
                         sigma = -sigma
                     dual, on_q, inverse = (
-                        sides[k, p, i, side, 1],
-                        sides[k, p, i, side, 3],
-                        1.0 / sides[k, p, i, side, 0],
+                        sides[r, side, 1],
+                        sides[r, side, 3],
+                        1.0 / sides[r, side, 0],
                     )
-                    d_slack = -sides[k, p, i, side, 2] - sigma * dd - on_q * dq
+                    d_slack = -sides[r, side, 2] - sigma * dd - on_q * dq
                     relative = d_slack * inverse
                     product = -d_slack * dual * (1.0 + relative)
                     second = weight * product
-                    sides[k, p, i, side, 6] = second
+                    sides[r, side, 6] = second
                     least, most = min(least, relative), max(most, relative)
                     by_slack += d_slack * dual
                     both += product
@@ -333,11 +333,11 @@ def _predict(
 
 
 @compiled
-def _correct(rows: Rows, ends: Ends, at: Iterate, step: FloatArray, target: float) -> tuple[float, float, float]:
+def _correct(rows: PackedRows, ends: Ends, at: Iterate, step: FloatArray, target: float) -> tuple[float, float, float]:
     """Steps of slacks and multipliers along the corrector; longest primal, dual and q step as inverse ratios."""
-    basis, weights, coefficients, limits, _ = rows
+    basis, weights, first, counts, _, limits, _ = rows
     sides, slopes = at.sides, at.slopes
-    spans, points, count = coefficients.shape[:3]
+    spans, points = counts.shape
     primal = dual_ratio = q_ratio = 0.0
     for k in range(spans):
         s0, s1, s2 = step[k], step[k + 1], step[k + 2]
@@ -349,19 +349,19 @@ def _correct(rows: Rows, ends: Ends, at: Iterate, step: FloatArray, target: floa
             d_slope = basis[k, p, 1, 0] * s0 + basis[k, p, 1, 1] * s1 + basis[k, p, 1, 2] * s2
             d_bend = basis[k, p, 2, 0] * s0 + basis[k, p, 2, 1] * s1 + basis[k, p, 2, 2] * s2
             q_ratio = max(q_ratio, -dq / (v0 * at.c[k] + v1 * at.c[k + 1] + v2 * at.c[k + 2]))
-            for i in range(count):
-                dd = slopes[k, p, i, 0] * d_slope + slopes[k, p, i, 1] * d_bend
+            for r in range(first[k, p], first[k, p] + counts[k, p]):
+                dd = slopes[r, 0] * d_slope + slopes[r, 1] * d_bend
                 for side in range(2):
-                    sigma = limits[k, p, i, side]
+                    sigma = limits[r, side]
                     if sigma == 0.0:
                         continue
                     if side == 1:
                         sigma = -sigma
-                    slack, dual = sides[k, p, i, side, 0], sides[k, p, i, side, 1]
+                    slack, dual = sides[r, side, 0], sides[r, side, 1]
                     inverse = 1.0 / (slack * dual)
-                    d_slack = -sides[k, p, i, side, 2] - sigma * dd - sides[k, p, i, side, 3] * dq
-                    aim = target - sides[k, p, i, side, 6] - dual * d_slack
-                    sides[k, p, i, side, 4], sides[k, p, i, side, 5] = d_slack, aim * dual * inverse - dual
+                    d_slack = -sides[r, side, 2] - sigma * dd - sides[r, side, 3] * dq
+                    aim = target - sides[r, side, 6] - dual * d_slack
+                    sides[r, side, 4], sides[r, side, 5] = d_slack, aim * dual * inverse - dual
                     primal = max(primal, -d_slack * dual * inverse)
                     dual_ratio = max(dual_ratio, 1.0 - aim * inverse)
     for end in range(2):
@@ -378,8 +378,8 @@ def _correct(rows: Rows, ends: Ends, at: Iterate, step: FloatArray, target: floa
 
 
 @compiled
-def look(
-    rows: Rows, ends: Ends, at: Iterate, system: System, primal: float, dual_step: float
+def _look(
+    rows: PackedRows, ends: Ends, at: Iterate, system: System, primal: float, dual_step: float
 ) -> tuple[float, float, float]:
     """Take the last steps of slacks and multipliers and set the linear system at the iterate.
 
@@ -412,9 +412,15 @@ def _direction(ends: Ends, factor: FloatArray, right: FloatArray) -> FloatArray:
 
 @compiled
 def iterate(
-    rows: Rows, ends: Ends, at: Iterate, system: System, size: int, settings: Settings
+    rows: PackedRows, ends: Ends, at: Iterate, system: System, size: int, share: float, settings: Settings
 ) -> tuple[int, int, float, float, float]:
-    """Predictor-corrector iterations in place; ``size`` is the number of sides and limits.
+    """Predictor-corrector iterations in place.
+
+    Args:
+        rows, ends, at, system: the problem; ``at`` holds the first iterate, then the last one.
+        size: number of sides, with the limits of the outer control points.
+        share: that number by the one of the whole problem.
+        settings: when to end.
 
     Returns:
         How they ended, their number, and gap, dual residual (both by the motion time) and excess at the end.
@@ -424,7 +430,7 @@ def iterate(
     primal = dual_step = 0.0
     short, stalls = False, 0
     for iteration in range(settings.max_iterations):
-        time, total, excess = look(rows, ends, at, system, primal, dual_step)
+        time, total, excess = _look(rows, ends, at, system, primal, dual_step)
         _restrict(ends, system.gradient)
         dual, gap = np.sum(np.abs(system.gradient * at.c)) / time, total / time
         if gap < settings.tolerance and dual < settings.tolerance and excess < settings.feasibility:
@@ -443,7 +449,7 @@ def iterate(
         # Along the predictor slack * d_dual + d_slack * dual = -slack * dual: the sums and ratios of the dual follow.
         primal, dual_step = _length(-least, 1.0), _length(1.0 + most, 1.0)
         reached = total + primal * by_slack - dual_step * (total + by_slack) + primal * dual_step * both
-        target = max(total * (reached / total) ** 3, _CENTRALITY * dual * time) / size
+        target = max(total * (reached / total) ** 3, _CENTRALITY * share * dual * time) / size
         if short:
             target = max(target, _RECENTRE * total / size)
         step = _direction(ends, factor, system.right + target * system.centre)
