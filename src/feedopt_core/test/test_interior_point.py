@@ -200,7 +200,7 @@ def test_optimum_on_too_few_sides_is_taken_up_again_on_more(monkeypatch: pytest.
     straight = Straight.of(40, q_max=250.0, slope_limit=60.0, dip=150.0)
     expected, _ = solve_and_count(straight, monkeypatch)
     solution, sizes = solve_and_count(
-        straight, monkeypatch, _NEAR=0.02, _AT_A_LIMIT=np.inf, _NEARER=0.02, _SELECTIONS=selections
+        straight, monkeypatch, _NEAR=0.02, _AT_A_LIMIT=np.inf, _AROUND=1, _SELECTIONS=selections
     )
     assert len(sizes) > 2 and sizes[1] < sizes[2]
     assert np.max(dense(straight.rows) @ solution.control_points) <= 1.0 + 1e-8

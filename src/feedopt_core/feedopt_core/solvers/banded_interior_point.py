@@ -12,8 +12,8 @@ that makes it indefinite, their convex part. Mehrotra's predictor and corrector 
 Methods, ch. 10) with infeasible start. The problem is not convex: the result is a stationary point.
 
 Of the sides of all rows one or two in ten come near their limits. So all count until the duality gap is small, then
-only those near theirs; what that finds must obey the others too, or those that come near there are taken in and it goes
-on from where the gap was small. An optimum on a part of the sides that obeys all of them is one on all.
+only those near theirs. What that finds must obey the others too; else all count around those that it exceeds, and it
+goes on from where the gap was small. An optimum on a part of the sides that obeys all of them is one on all.
 """
 
 from __future__ import annotations
@@ -52,10 +52,12 @@ _LEAST_SLACK = 0.5
 """Least slack of the first iterate."""
 _RESTART_GAP = 0.02
 """Duality gap from which on few sides count; the iterate still has the room for limits that are lowered a little."""
-_NEAR, _NEARER = 0.7, 0.3
-"""Room of a side, as a part of its limit, up to which it counts at that gap; the same at an optimum on too few."""
+_NEAR = 0.7
+"""Room of a side, as a part of its limit, up to which it counts at that gap."""
 _AT_A_LIMIT = 0.03
 """Room of a side at a limit, at that gap."""
+_AROUND = 8
+"""So many spans on either side of one where others are exceeded count with all their sides."""
 _SELECTIONS = 5
 """So many selections of sides are tried, then all count."""
 _RESTART_SPREAD = 10.0
@@ -223,23 +225,28 @@ class _InteriorPoint:
 
     def _refine(self, start: Restart, settings: Settings) -> tuple[_Found, Restart, int]:
         """Iterate on the sides near their limits until none of the others is exceeded, else on all; all iterations."""
-        slack, rows, iterations = start.sides[..., SLACK], self.rows, 0
-        near = slack < _NEAR
+        slack, iterations = start.sides[..., SLACK], 0
         # The fastest motion is at some limit everywhere. Where it is close to none yet, any may turn out to be the one.
-        nearest = np.minimum.reduceat(np.minimum(slack[:, 0], slack[:, 1]), rows.first[:, 0])
-        near |= np.repeat(nearest > _AT_A_LIMIT, np.sum(rows.counts, axis=1))[:, None]
+        nearest = np.minimum.reduceat(np.minimum(slack[:, 0], slack[:, 1]), self.rows.first[:, 0])
+        near = (slack < _NEAR) | self._of_spans(nearest > _AT_A_LIMIT)
         for _ in range(_SELECTIONS):
             near &= self.limited
             found, last = self._iterate(start, near, settings)
             iterations += found.iterations
             if found.end != CONVERGED:
                 break
-            rooms(rows, last.c, self.room)
-            if np.min(self.room, where=~near, initial=0.0) >= -settings.feasibility:
+            rooms(self.rows, last.c, self.room)
+            exceeded = np.any(~near & (self.room < -settings.feasibility), axis=1)
+            if not np.any(exceeded):
                 return found, last, iterations
-            near |= self.room < _NEARER
+            spans = np.logical_or.reduceat(exceeded, self.rows.first[:, 0])
+            near |= self._of_spans(np.convolve(spans, np.ones(2 * _AROUND + 1))[_AROUND:-_AROUND] > 0.0)
         found, last = self._iterate(start, None, settings)
         return found, last, iterations + found.iterations
+
+    def _of_spans(self, spans: BoolArray) -> BoolArray:
+        """Rows of some spans, shape (m,) to (n, 1)."""
+        return np.repeat(spans, np.sum(self.rows.counts, axis=1))[:, None]
 
     def _iterate(self, start: Restart, sides: BoolArray | None, settings: Settings) -> tuple[_Found, Restart]:
         """Iterate on some sides, shape (n, 2), or on all; the last iterate holds those only."""
