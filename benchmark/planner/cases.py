@@ -151,9 +151,9 @@ def scale(runs: int) -> Iterator[Row]:
     rows: list[Scaled] = []
     worst_share, fallbacks, began_s = 0.0, 0, time.process_time()
 
-    def take(chunk: Chunk) -> None:
+    def take(chunk: Chunk, window_s: float) -> None:
         nonlocal worst_share, fallbacks
-        worst_share = max(worst_share, window_share(chunk))
+        worst_share = max(worst_share, window_share(chunk, window_s))
         fallbacks += chunk.figures.fallback
         if chunk.s_commit_mm >= marks_mm[0] or chunk.last:
             spent_s = time.process_time() - began_s

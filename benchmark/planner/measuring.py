@@ -34,7 +34,7 @@ class Measured:
     Attributes:
         compute_s: CPU time of planning and audits, segments in, chunks out; median of the runs.
         first_chunk_s: the part of it until the first chunk.
-        window_share: largest computing time of a window over the motion it commits.
+        window_share: largest CPU time of a window over the motion it commits; median of the runs.
         ratio_1khz, ratio_fine: worst ratio to a limit by feedopt_core.audit, with its quantity and axis.
         ratio_check: worst ratio by the differences below, which share no code with the core.
         solvers: plans by the solver that found them.
@@ -59,17 +59,25 @@ class Measured:
 
 
 def plan_segments(
-    segments: Iterable[Segment], machine: Machine, parameters: PlannerParameters, on_chunk: Callable[[Chunk], None]
+    segments: Iterable[Segment],
+    machine: Machine,
+    parameters: PlannerParameters,
+    on_chunk: Callable[[Chunk, float], None],
 ) -> tuple[float, float]:
-    """Plan segment by segment; CPU time in all and until the first chunk, s, the making of segments left out."""
+    """Plan segment by segment; CPU time in all and until the first chunk, s, the making of segments left out.
+
+    Every chunk is handed on with the CPU time of its window.
+    """
     planner = StreamPlanner(machine, parameters)
     spent_s = first_s = 0.0
     for segment in segments:
         began = time.process_time()
         planner.add_segment(segment)
         while (chunk := planner.next_chunk()) is not None:
-            first_s = first_s or spent_s + time.process_time() - began
-            on_chunk(chunk)
+            now = time.process_time()
+            on_chunk(chunk, now - began)
+            spent_s, began = spent_s + now - began, now
+            first_s = first_s or spent_s
             planner.discard_before(chunk.s_start_mm)
         spent_s += time.process_time() - began
     return spent_s, first_s
@@ -85,10 +93,18 @@ def measure(
     runs: int = 1,
 ) -> Measured:
     """Plan a path ``runs`` times and audit the plan. Raises what the planner raises."""
+    chunks: list[Chunk] = []
+    shares: list[float] = []
+
+    def take(chunk: Chunk, spent_s: float) -> None:
+        chunks.append(chunk)
+        shares.append(window_share(chunk, spent_s))
+
     times = []
     for _ in range(runs):
-        chunks: list[Chunk] = []
-        times.append(plan_segments(segments, machine, parameters, chunks.append))
+        chunks.clear()
+        shares.clear()
+        times.append((*plan_segments(segments, machine, parameters, take), max(shares)))
     toolpath = Toolpath()
     for segment in segments:
         toolpath.append(segment)
@@ -102,9 +118,9 @@ def measure(
         setting=setting,
         length_mm=toolpath.end_mm,
         motion_s=chunks[-1].t_commit_s,
-        compute_s=statistics.median(spent for spent, _ in times),
-        first_chunk_s=statistics.median(first for _, first in times),
-        window_share=max(map(window_share, chunks)),
+        compute_s=statistics.median(spent for spent, _, _ in times),
+        first_chunk_s=statistics.median(first for _, first, _ in times),
+        window_share=statistics.median(share for _, _, share in times),
         windows=len(chunks),
         fallbacks=sum(chunk.figures.fallback for chunk in chunks),
         control_points=sum(chunk.figures.variables for chunk in chunks),
@@ -116,10 +132,9 @@ def measure(
     )
 
 
-def window_share(chunk: Chunk) -> float:
-    """Computing time of a window over the time of the motion it commits."""
-    figures = chunk.figures
-    return (figures.solve_time_s + figures.audit_time_s) / (chunk.t_commit_s - chunk.t_start_s)
+def window_share(chunk: Chunk, spent_s: float) -> float:
+    """CPU time of a window over the time of the motion it commits."""
+    return spent_s / (chunk.t_commit_s - chunk.t_start_s)
 
 
 def worst_difference(position_mm: FloatArray, machine: Machine) -> float:
