@@ -232,6 +232,13 @@ def test_start_above_the_limit_has_no_solution() -> None:
         minimise_time(straight.problem(FixedStart(400.0, 400.0), REST), np.full(14, 20.0))
 
 
+@pytest.mark.parametrize("q", [0.0, -1.0, np.nan])
+def test_guess_without_motion_has_no_solution(q: float) -> None:
+    straight = Straight.of(12, q_max=250.0, slope_limit=60.0)
+    with pytest.raises(SolverError):
+        minimise_time(straight.problem(REST, REST), np.full(14, q))
+
+
 def test_too_fast_to_brake_has_no_solution() -> None:
     """From q = 200 a slope of 5 over 12 mm cannot reach rest."""
     straight = Straight.of(12, q_max=250.0, slope_limit=5.0)

@@ -192,7 +192,7 @@ class _InteriorPoint:
         else:
             barrier = _FIRST_GAP * time / self.size
             sides, ends = _first(self.room, barrier), _first(end_room, barrier)
-        self.first = Restart(c, self.index, sides, ends)
+        self.start = Restart(c, self.index, sides, ends)
 
     def _size(self, rows: PackedRows) -> int:
         end_limits = (self.ends.start_inverse_limit > 0.0) + (self.ends.end_inverse_limit > 0.0)
@@ -206,7 +206,7 @@ class _InteriorPoint:
 
     def solve(self, settings: Settings) -> TimeSolution:
         """See :func:`minimise_time`."""
-        found, restart = _Found(CONVERGED), self.first
+        found, restart = _Found(CONVERGED), self.start
         if not self.restarted:
             coarse = settings._replace(tolerance=_RESTART_GAP, feasibility=_RESTART_GAP)
             found, restart = self._iterate(restart, None, coarse)

@@ -45,7 +45,11 @@ def part(rows: PackedRows, sides: BoolArray) -> tuple[PackedRows, BoolArray]:
 
 @compiled
 def rooms(rows: PackedRows, c: FloatArray, room: FloatArray) -> float:
-    """Fill in what each side leaves of its limit, 0 without one, shape (n, 2); returns the motion time."""
+    """Fill in what each side leaves of its limit, 0 without one, shape (n, 2).
+
+    Returns:
+        Motion time, not a number where q is not positive.
+    """
     basis, weights, first, counts, coefficients, limits, over_root = rows
     spans, points = weights.shape
     time = 0.0
@@ -58,6 +62,8 @@ def rooms(rows: PackedRows, c: FloatArray, room: FloatArray) -> float:
             q = x[0, 0] * c[k] + x[0, 1] * c[k + 1] + x[0, 2] * c[k + 2]
             slope = x[1, 0] * c[k] + x[1, 1] * c[k + 1] + x[1, 2] * c[k + 2]
             bend = x[2, 0] * c[k] + x[2, 1] * c[k + 1] + x[2, 2] * c[k + 2]
+            if not q > 0.0:
+                return np.nan
             root_q = np.sqrt(q)
             time += weights[k, p] / root_q
             for r in range(first[k, p], first[k, p] + counts[k, p]):
