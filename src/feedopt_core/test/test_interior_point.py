@@ -188,7 +188,7 @@ def solve_and_count(
         return minimise_time(straight.problem(REST, REST), guess, tolerance=1e-8), sizes
 
 
-def test_few_sides_count_near_the_optimum_and_all_are_obeyed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_few_rows_count_near_the_optimum_and_all_are_obeyed(monkeypatch: pytest.MonkeyPatch) -> None:
     straight = Straight.of(40, q_max=250.0, slope_limit=60.0, dip=150.0)
     solution, sizes = solve_and_count(straight, monkeypatch)
     assert sizes[0] == solution.row_count and len(sizes) == 2 and sizes[1] < 0.6 * sizes[0]
@@ -196,7 +196,7 @@ def test_few_sides_count_near_the_optimum_and_all_are_obeyed(monkeypatch: pytest
 
 
 @pytest.mark.parametrize("selections", [5, 1])
-def test_optimum_on_too_few_sides_is_taken_up_again_on_more(monkeypatch: pytest.MonkeyPatch, selections: int) -> None:
+def test_optimum_on_too_few_rows_is_taken_up_again_on_more(monkeypatch: pytest.MonkeyPatch, selections: int) -> None:
     straight = Straight.of(40, q_max=250.0, slope_limit=60.0, dip=150.0)
     expected, _ = solve_and_count(straight, monkeypatch)
     solution, sizes = solve_and_count(

@@ -129,7 +129,8 @@ def bent_time_s() -> float:
 def test_scaling_path_and_limits_alike_keeps_the_time(factor: float, bent_time_s: float) -> None:
     machine = kinematic_machine(150.0 * factor, (150.0 * factor,) * 2, (500.0 * factor,) * 2, (25000.0 * factor,) * 2)
     parameters = replace(ONE_WINDOW, knot_spacing_mm=0.25 * factor)
-    assert plan_path(machine, spline(factor * BENT), parameters).motion_time_s == pytest.approx(bent_time_s, rel=1e-6)
+    # As close as the duality gap at which a solve ends.
+    assert plan_path(machine, spline(factor * BENT), parameters).motion_time_s == pytest.approx(bent_time_s, rel=1e-5)
 
 
 @pytest.mark.parametrize("factor", [0.25, 4.0])

@@ -11,9 +11,9 @@ Rows are linearised anew in every iteration, with exact residuals. The normal ma
 that makes it indefinite, their convex part. Mehrotra's predictor and corrector (Wright, Primal-Dual Interior-Point
 Methods, ch. 10) with infeasible start. The problem is not convex: the result is a stationary point.
 
-Of the sides of all rows one or two in ten come near their limits. So all count until the duality gap is small, then
-only those near theirs. What that finds must obey the others too; else all count around those that it exceeds, and it
-goes on from where the gap was small. An optimum on a part of the sides that obeys all of them is one on all.
+Few rows come near their limits. So all count until the duality gap is small, then only those near theirs. What that
+finds must obey the others too; else all count around those that it exceeds, and it goes on from where the gap was
+small. An optimum on a part of the rows that obeys all of them is one on all.
 """
 
 from __future__ import annotations
@@ -51,15 +51,15 @@ _FIRST_GAP = 0.6
 _LEAST_SLACK = 0.5
 """Least slack of the first iterate."""
 _RESTART_GAP = 0.02
-"""Duality gap from which on few sides count; the iterate still has the room for limits that are lowered a little."""
+"""Duality gap from which on few rows count; the iterate still has the room for limits that are lowered a little."""
 _NEAR = 0.7
-"""Room of a side, as a part of its limit, up to which it counts at that gap."""
+"""Room of a row, as a part of its limit, up to which it counts at that gap."""
 _AT_A_LIMIT = 0.03
-"""Room of a side at a limit, at that gap."""
+"""Room of a row at a limit, at that gap."""
 _AROUND = 8
-"""So many spans on either side of one where others are exceeded count with all their sides."""
+"""So many spans on either side of one where others are exceeded count with all their rows."""
 _SELECTIONS = 5
-"""So many selections of sides are tried, then all count."""
+"""So many selections of rows are tried, then all count."""
 _RESTART_SPREAD = 10.0
 """Largest ratio of a product of slack and multiplier to their mean at a restart."""
 _GOOD_ENOUGH, _USABLE = 1e-3, 0.1
@@ -178,7 +178,6 @@ class _InteriorPoint:
             self.ends = Ends(start.ratio, end.ratio, 1.0 / start.outer_limit, 1.0 / end.outer_limit)
         expand(self.ends, c)
         self.rows, self.index = packed(problem.rows)
-        self.limited = self.rows.inverse_limits != 0.0
         self.system = System(*(np.empty(len(c)) for _ in range(3)), *(np.empty((len(c), 3)) for _ in range(2)))
         self.size = self._size(self.rows)
         self.room = np.empty(self.rows.inverse_limits.shape)
@@ -224,36 +223,34 @@ class _InteriorPoint:
         )
 
     def _refine(self, start: Restart, settings: Settings) -> tuple[_Found, Restart, int]:
-        """Iterate on the sides near their limits until none of the others is exceeded, else on all; all iterations."""
-        slack, iterations = start.sides[..., SLACK], 0
+        """Iterate on the rows near their limits until none of the others is exceeded, else on all; all iterations."""
+        iterations, first_of_spans = 0, self.rows.first[:, 0]
+        slack = np.min(start.sides[..., SLACK], axis=1, where=self.rows.inverse_limits != 0.0, initial=np.inf)
         # The fastest motion is at some limit everywhere. Where it is close to none yet, any may turn out to be the one.
-        nearest = np.minimum.reduceat(np.minimum(slack[:, 0], slack[:, 1]), self.rows.first[:, 0])
-        near = (slack < _NEAR) | self._of_spans(nearest > _AT_A_LIMIT)
+        near = (slack < _NEAR) | self._of_spans(np.minimum.reduceat(slack, first_of_spans) > _AT_A_LIMIT)
         for _ in range(_SELECTIONS):
-            near &= self.limited
             found, last = self._iterate(start, near, settings)
             iterations += found.iterations
             if found.end != CONVERGED:
                 break
             rooms(self.rows, last.c, self.room)
-            exceeded = np.any(~near & (self.room < -settings.feasibility), axis=1)
+            exceeded = ~near & (np.min(self.room, axis=1) < -settings.feasibility)
             if not np.any(exceeded):
                 return found, last, iterations
-            spans = np.logical_or.reduceat(exceeded, self.rows.first[:, 0])
+            spans = np.logical_or.reduceat(exceeded, first_of_spans)
             near |= self._of_spans(np.convolve(spans, np.ones(2 * _AROUND + 1))[_AROUND:-_AROUND] > 0.0)
         found, last = self._iterate(start, None, settings)
         return found, last, iterations + found.iterations
 
     def _of_spans(self, spans: BoolArray) -> BoolArray:
-        """Rows of some spans, shape (m,) to (n, 1)."""
-        return np.repeat(spans, np.sum(self.rows.counts, axis=1))[:, None]
+        """Rows of some spans, shape (m,) to (n,)."""
+        return np.repeat(spans, np.sum(self.rows.counts, axis=1))
 
-    def _iterate(self, start: Restart, sides: BoolArray | None, settings: Settings) -> tuple[_Found, Restart]:
-        """Iterate on some sides, shape (n, 2), or on all; the last iterate holds those only."""
+    def _iterate(self, start: Restart, kept: BoolArray | None, settings: Settings) -> tuple[_Found, Restart]:
+        """Iterate on some rows, shape (n,), or on all; the last iterate holds those only."""
         rows, index, known = self.rows, self.index, start.sides
-        if sides is not None:
-            rows, kept = part(rows, sides)
-            index, known = index[kept], known[kept]
+        if kept is not None:
+            rows, index, known = part(rows, kept), index[kept], known[kept]
         at = Iterate(
             start.c.copy(), np.zeros((len(index), 2, SIDE_SIZE)), np.empty((len(index), 2)), np.zeros((2, SIDE_SIZE))
         )

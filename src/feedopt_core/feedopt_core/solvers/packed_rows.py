@@ -1,4 +1,4 @@
-"""Rows in one piece of memory: those with a limit, or those of a few sides; and the room that they leave."""
+"""Rows in one piece of memory: those with a limit, or a part of them; and the room that they leave."""
 
 from __future__ import annotations
 
@@ -28,19 +28,17 @@ def packed(rows: Rows) -> tuple[PackedRows, IntArray]:
     return those, index
 
 
-def part(rows: PackedRows, sides: BoolArray) -> tuple[PackedRows, BoolArray]:
-    """Rows with one of these sides, shape (n, 2), and which they are, shape (n,)."""
-    kept = sides[:, 0] | sides[:, 1]
+def part(rows: PackedRows, kept: BoolArray) -> PackedRows:
+    """Some of the rows, shape (n,)."""
     before = np.concatenate([[0], np.cumsum(kept)])
     first = before[rows.first]
-    fewer = rows._replace(
+    return rows._replace(
         first=first,
         counts=before[rows.first + rows.counts] - first,
         coefficients=rows.coefficients[kept],
-        inverse_limits=np.where(sides, rows.inverse_limits, 0.0)[kept],
+        inverse_limits=rows.inverse_limits[kept],
         over_root=rows.over_root[kept],
     )
-    return fewer, kept
 
 
 @compiled
