@@ -14,22 +14,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
-
-from feedopt_core.arrays import FloatArray
-from feedopt_core.config.locate import find_config
-from feedopt_core.path.arc_length import ArcLengthMap, map_arc_length
-from feedopt_core.path.nurbs import NurbsCurve
-from feedopt_core.path.parameter_maps import (
+from benchmark.curves.nurbs_fit import divide_points, fit_nurbs, knot_span_ratios
+from benchmark.curves.parameter_maps import (
     NaturalMap,
     ParameterMap,
     PredictorCorrectorMap,
     TaylorMap,
     feed_correction_map,
 )
-from feedopt_core.smoothing.nurbs_fit import divide_points, fit_nurbs, knot_span_ratios
-from feedopt_core.toolpath.points_csv import read_points
+from rich.console import Console
+from rich.table import Table
+
+from feedopt_core.arrays import FloatArray
+from feedopt_core.config_files import find_config
+from feedopt_core.geometry.arc_length import ArcLengthMap, map_arc_length
+from feedopt_core.geometry.nurbs import NurbsCurve
+from feedopt_core.programs.points_csv import read_points
 
 PERIOD_S = 0.001
 INTERVALS = 5

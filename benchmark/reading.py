@@ -25,9 +25,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from feedopt_node.graph import load_graph
-from feedopt_tools.bags.messages import TopicMessages, read_messages
-from feedopt_tools.recorder.bag_writer import BagWriter, Received
-from feedopt_tools.recorder.message_schemas import MessageSchemas, ament_share_directories
+from feedopt_recorder.bag_writer import BagWriter, Received
+from feedopt_recorder.bags.messages import TopicMessages, read_messages
+from feedopt_recorder.message_schemas import MessageSchemas, ament_share_directories
 
 TOPICS = ("/axis_setpoint", "/axis_state")
 START_NS = 1_760_000_000_000_000_000

@@ -16,9 +16,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from feedopt_core.config.locate import find_config
-from feedopt_core.toolpath.points_csv import read_points
-from feedopt_tools.bags.read_bag import read_bag
+from feedopt_core.config_files import find_config
+from feedopt_core.programs.points_csv import read_points
+from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_tools.execute.client import ProgramRequest
 from feedopt_tools.execute.execution import Execution, RunEvents, RunOptions, execute_program
 from feedopt_tools.execute.judgement import judge_run

@@ -27,7 +27,7 @@ from rich.table import Table
 from rosbags.highlevel import AnyReader
 
 from feedopt_node.graph import load_graph
-from feedopt_tools.bags.repair import repair_bag
+from feedopt_recorder.bags.repair import repair_bag
 
 TOPICS = tuple(f"/load_{number}" for number in range(1, 5))
 PERIOD_S = 0.001
@@ -95,7 +95,7 @@ def write_graph(prefix: Path) -> Path:
 
 def start_recorder(prefix: Path, bag: Path) -> subprocess.Popen[str]:
     """A recorder of that graph."""
-    command = [sys.executable, "-m", "feedopt_tools.recorder.recorder_node", "--ros-args"]
+    command = [sys.executable, "-m", "feedopt_recorder.recorder_node", "--ros-args"]
     command += ["-p", "present_nodes:=[recorder]", "-p", f"bag_directory:={bag}"]
     environment = os.environ | {"AMENT_PREFIX_PATH": f"{prefix}{os.pathsep}{os.environ['AMENT_PREFIX_PATH']}"}
     return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)

@@ -16,13 +16,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from feedopt_core.config.locate import find_config
-from feedopt_core.config.machine import Machine, load_machine
-from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
-from feedopt_core.interpolation.setpoints import InterpolatorParameters
-from feedopt_core.path.toolpath import Toolpath
-from feedopt_core.plan import interpolate
-from feedopt_core.toolpath.program import open_program, read_program
+from feedopt_core.config_files import find_config
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.machine_file import Machine, load_machine
+from feedopt_core.motion.setpoints import InterpolatorParameters
+from feedopt_core.pipeline.plan_program import interpolate
+from feedopt_core.pipeline.read_program import open_program, read_program
+from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 from router_sim.machine_file import load_router_parameters
 from router_sim.router import SimulatedRouter
 

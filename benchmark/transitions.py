@@ -21,20 +21,20 @@ from rich.table import Table
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.audit.fine_grid import audit_profile
-from feedopt_core.audit.report import merge
 from feedopt_core.audit.setpoints import audit_setpoints
-from feedopt_core.config.locate import find_config
-from feedopt_core.config.machine import Machine, load_machine
-from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
-from feedopt_core.interpolation.setpoints import InterpolatorParameters
-from feedopt_core.path.toolpath import Toolpath
-from feedopt_core.plan import interpolate
+from feedopt_core.config_files import find_config
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.machine_file import Machine, load_machine
+from feedopt_core.motion.certificate import merge
+from feedopt_core.motion.setpoints import InterpolatorParameters
+from feedopt_core.pipeline.plan_program import interpolate
+from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
+from feedopt_core.programs.contours import CurveMove, move_ends
+from feedopt_core.programs.layers.transitions import TransitionSide, with_layer_transitions
+from feedopt_core.programs.moves import ArcMove, LineMoves, Move, NurbsMove
+from feedopt_core.programs.points_csv import read_points
 from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM, interpolate_points
-from feedopt_core.smoothing.layers import TransitionSide, with_layer_transitions
 from feedopt_core.smoothing.stage import smooth
-from feedopt_core.toolpath.contours import CurveMove, move_ends
-from feedopt_core.toolpath.moves import ArcMove, LineMoves, Move, NurbsMove
-from feedopt_core.toolpath.points_csv import read_points
 
 UP = np.array([0.0, 0.0, 1.0])
 WAYS = ("laps in one plane", "plunge on the contour", "quarter arcs", "half circles", "Euler spirals")

@@ -18,12 +18,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from feedopt_core.audit.report import ALLOWED_RATIO
-from feedopt_core.config.machine import DriveModel, Machine, TrackingModel
 from feedopt_core.errors import InfeasibleLimitsError, SolverError
-from feedopt_core.feedrate.methods import make_method
-from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
-from feedopt_core.path.segments import Segment
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.machine.machine_file import DriveModel, Machine, TrackingModel
+from feedopt_core.motion.certificate import ALLOWED_RATIO
+from feedopt_core.planner.methods import make_method
+from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 from feedopt_core.smoothing.cubic_spline import interpolate_points
 
 _INFINITE = (float("inf"),) * 2

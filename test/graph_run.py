@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from feedopt_core.config.machine import machine_path
+from feedopt_core.machine.machine_file import machine_path
 from feedopt_node.graph import load_graph
 from feedopt_tools.execute.client import GraphClient, ProgramOutcome, ProgramRequest, Progress
 from feedopt_tools.execute.processes import GraphProcesses

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmark.curves.parameter_maps import NaturalMap
 
-from feedopt_core.path.arc_length import map_arc_length
-from feedopt_core.path.parameter_maps import NaturalMap
+from feedopt_core.geometry.arc_length import map_arc_length
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 

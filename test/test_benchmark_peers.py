@@ -9,9 +9,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from feedopt_core.config.locate import find_config
-from feedopt_core.path.toolpath import Toolpath
-from feedopt_core.toolpath.program import open_program, read_program
+from feedopt_core.config_files import find_config
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.pipeline.read_program import open_program, read_program
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 

@@ -9,10 +9,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from feedopt_core.config.machine import load_machine
-from feedopt_core.feedrate.planner import PlannerParameters
-from feedopt_core.toolpath.moves import LineMoves
-from feedopt_core.toolpath.program import open_program, read_moves
+from feedopt_core.machine.machine_file import load_machine
+from feedopt_core.pipeline.read_program import open_program, read_moves
+from feedopt_core.planner.stream_planner import PlannerParameters
+from feedopt_core.programs.moves import LineMoves
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from feedopt_core.programs.contours import move_ends
+from feedopt_core.programs.moves import NurbsMove
 from feedopt_core.smoothing.stage import smooth
-from feedopt_core.toolpath.contours import move_ends
-from feedopt_core.toolpath.moves import NurbsMove
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from feedopt_core.audit.report import ALLOWED_RATIO
+from feedopt_core.motion.certificate import ALLOWED_RATIO
 
 ROOT = Path(__file__).parents[1]
 

@@ -14,11 +14,11 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from feedopt_core.audit.report import ALLOWED_RATIO
-from feedopt_core.config.machine import Machine, load_machine
 from feedopt_core.errors import FeedoptError
-from feedopt_core.feedrate.planner import PlannerParameters
-from feedopt_core.plan import Plan, plan_program
+from feedopt_core.machine.machine_file import Machine, load_machine
+from feedopt_core.motion.certificate import ALLOWED_RATIO
+from feedopt_core.pipeline.plan_program import Plan, plan_program
+from feedopt_core.planner.stream_planner import PlannerParameters
 
 Points = NDArray[np.float64]
 PROBLEMS: list[dict[str, Any]] = yaml.safe_load((Path(__file__).parent / "corpus" / "problems.yaml").read_text("utf-8"))

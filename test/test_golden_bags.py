@@ -31,21 +31,21 @@ MUTATIONS = [
     ("dome", "feedopt_core.smoothing.cubic_spline", "(p + q + r) / 3.0", "(p - q + r) / 3.0", "toolpath"),
     (
         "corners",
-        "feedopt_core.smoothing.corner",
+        "feedopt_core.smoothing.corners.euler_pair",
         "np.cos(half) * before + np.sin(half)",
         "np.cos(half) * before - np.sin(half)",
         "toolpath",
     ),
     (
         "corners",
-        "feedopt_core.feedrate.planner",
+        "feedopt_core.planner.stream_planner",
         "t_commit_s=self._committed.t_s + float(",
         "t_commit_s=self._committed.t_s - float(",
         "planner",
     ),
-    ("corners", "feedopt_core.limits.rows", "1.5 * on_j * d2", "1.6 * on_j * d2", "planner"),
-    ("plate", "feedopt_core.feedrate.profile", "0.5 * jerk * from_rest", "0.6 * jerk * from_rest", "interpolator"),
-    ("corners", "feedopt_core.interpolation.setpoints", "(v**2)[:, None]", "(v**3)[:, None]", "interpolator"),
+    ("corners", "feedopt_core.constraints.limit_rows", "1.5 * on_j * d2", "1.6 * on_j * d2", "planner"),
+    ("plate", "feedopt_core.motion.profile", "0.5 * jerk * from_rest", "0.6 * jerk * from_rest", "interpolator"),
+    ("corners", "feedopt_core.motion.setpoints", "(v**2)[:, None]", "(v**3)[:, None]", "interpolator"),
     ("corners", "router_sim.plant", "_resolution_mm + 0.5)", "_resolution_mm + 0.4)", "router_sim"),
 ]
 
@@ -86,7 +86,7 @@ def test_changed_formula_fails_and_is_located(
 
 
 def test_unchanged_formula_passes_the_same_way(tmp_path: Path) -> None:
-    module = "feedopt_core.interpolation.setpoints"
+    module = "feedopt_core.motion.setpoints"
     spec = importlib.util.find_spec(module)
     assert spec is not None and spec.origin is not None
     copied = shutil.copy(spec.origin, tmp_path)

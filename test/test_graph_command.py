@@ -16,8 +16,8 @@ import pytest
 from graph_run import TINY, RunningGraph, feedopt, running_graph, wait_for
 
 from feedopt_node.status import SILENCE_BEATS, STATUS_PERIOD_S
-from feedopt_tools.bags.check_bag import check_run
-from feedopt_tools.bags.read_bag import read_bag
+from feedopt_recorder.bags.check_bag import check_run
+from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_tools.execute.domain_lock import DomainLock, domain_id
 from feedopt_tools.execute.judgement import judge_run
 

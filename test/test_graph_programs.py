@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from graph_run import PATIENCE_S, TINY, RunningGraph
 
-from feedopt_core.config.locate import config_directory
+from feedopt_core.config_files import config_directory
 from feedopt_msgs.action import ExecuteProgram
 from feedopt_node.run import EXIT_SECOND_GRAPH
-from feedopt_tools.bags.check_bag import check_run
-from feedopt_tools.bags.read_bag import read_bag
+from feedopt_recorder.bags.check_bag import check_run
+from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_tools.execute.client import ProgramRequest, Progress
 from feedopt_tools.execute.line_sender import BLOCK_LINES, BLOCKS_AHEAD
 from feedopt_tools.execute.processes import executable_path

@@ -12,7 +12,7 @@ import rclpy
 from graph_run import MACHINE, wait_for
 from rclpy.executors import SingleThreadedExecutor
 
-from feedopt_core.config.machine import machine_path
+from feedopt_core.machine.machine_file import machine_path
 from feedopt_msgs.msg import AxisSetpoint, AxisState, NodeStatus
 from feedopt_node.graph import load_graph
 from feedopt_node.qos import qos_profile

@@ -12,10 +12,10 @@ import pytest
 from core_paths import kinematic_machine
 
 from feedopt_core.audit.deviation import measure_deviation
-from feedopt_core.config.machine import Machine
-from feedopt_core.feedrate.planner import PlannerParameters
-from feedopt_core.plan import Plan, plan_program
-from feedopt_core.toolpath.program import open_program, read_moves, read_program
+from feedopt_core.machine.machine_file import Machine
+from feedopt_core.pipeline.plan_program import Plan, plan_program
+from feedopt_core.pipeline.read_program import open_program, read_moves, read_program
+from feedopt_core.planner.stream_planner import PlannerParameters
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 sys.path.append(str(WORKSPACE))

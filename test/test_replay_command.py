@@ -15,9 +15,9 @@ from mcap.reader import make_reader
 
 from feedopt_node.errors import SecondGraphError
 from feedopt_node.graph import load_graph
+from feedopt_recorder.mcap_writer import McapWriter
 from feedopt_tools.command.main import main
 from feedopt_tools.execute.domain_lock import DomainLock
-from feedopt_tools.recorder.mcap_writer import McapWriter
 from feedopt_tools.replay import live
 from feedopt_tools.replay.errors import ReplayInputError
 from feedopt_tools.replay.recorded_program import RecordedProgram

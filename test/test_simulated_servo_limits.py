@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from feedopt_core.config.machine import load_machine
+from feedopt_core.machine.machine_file import load_machine
 
 
 @pytest.fixture

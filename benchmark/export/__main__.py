@@ -19,11 +19,11 @@ from benchmark.export.lookahead import Array, Controller, Ride, ride
 from rich.console import Console
 from rich.table import Table
 
-from feedopt_core.config.locate import find_config
-from feedopt_core.config.machine import Machine, load_machine
-from feedopt_core.plan import plan_program
-from feedopt_core.toolpath.moves import LineMoves
-from feedopt_core.toolpath.program import Program, ProgramKind, read_moves
+from feedopt_core.config_files import find_config
+from feedopt_core.machine.machine_file import Machine, load_machine
+from feedopt_core.pipeline.plan_program import plan_program
+from feedopt_core.pipeline.read_program import Program, ProgramKind, read_moves
+from feedopt_core.programs.moves import LineMoves
 from feedopt_tools.command.options import planner_parameters
 from feedopt_tools.export.gcode import GcodeSettings, write_gcode
 from feedopt_tools.export.motion import Motion, motion_of_plan

@@ -24,13 +24,13 @@ from benchmark.peers.finite_differences import ChordSpline, worst_differences
 from benchmark.peers.motion import PERIOD_S, PeerError, PeerMotion
 from rich.table import Table
 
-from feedopt_core.audit.report import ALLOWED_RATIO
 from feedopt_core.audit.setpoints import audit_setpoints
-from feedopt_core.config.locate import find_config
-from feedopt_core.config.machine import Machine, load_machine
-from feedopt_core.feedrate.planner import PlannerParameters
-from feedopt_core.path.toolpath import Toolpath
-from feedopt_core.toolpath.program import open_program, read_program
+from feedopt_core.config_files import find_config
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.machine_file import Machine, load_machine
+from feedopt_core.motion.certificate import ALLOWED_RATIO
+from feedopt_core.pipeline.read_program import open_program, read_program
+from feedopt_core.planner.stream_planner import PlannerParameters
 
 PROGRAM = "fan_contour"
 QUANTITIES = ("velocity", "acceleration", "jerk")

@@ -19,8 +19,8 @@ import numpy as np
 from benchmark.peers.motion import PeerError, PeerMotion, sample_at_ticks
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.config.machine import Machine
-from feedopt_core.path.toolpath import Toolpath
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.machine_file import Machine
 
 # Its solver wants numbers near 1: in mm and s, or with fewer steps of equilibration, the conic form stops short on some
 # of these grids, or far from the optimum.

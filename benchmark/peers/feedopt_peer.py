@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from benchmark.peers.motion import PeerError, PeerMotion, sample_at_ticks
 
-from feedopt_core.config.machine import Machine
 from feedopt_core.errors import InfeasibleLimitsError, SolverError
-from feedopt_core.feedrate.method import Window
-from feedopt_core.feedrate.methods import make_method
-from feedopt_core.feedrate.planner import PlannerParameters
-from feedopt_core.path.toolpath import Toolpath
-from feedopt_core.plan import plan_program
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.machine_file import Machine
+from feedopt_core.pipeline.plan_program import plan_program
+from feedopt_core.planner.method import Window
+from feedopt_core.planner.methods import make_method
+from feedopt_core.planner.stream_planner import PlannerParameters
 
 
 def plan_windowed(program: Path, machine: Machine) -> PeerMotion:

@@ -16,8 +16,8 @@ from toppra.constraint import JointAccelerationConstraint, JointVelocityConstrai
 from toppra.interpolator import AbstractGeometricPath
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.config.machine import Machine
-from feedopt_core.path.toolpath import Toolpath
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.machine_file import Machine
 
 _LEAST_LIMIT_MM_S = 1e-3
 

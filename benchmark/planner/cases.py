@@ -12,14 +12,14 @@ from benchmark.planner.contours import hand_like, long_smooth, serpentine
 from benchmark.planner.measuring import Measured, measure, plan_segments, resident_mb, window_share
 from benchmark.programs.catalogue import MACHINES, all_programs
 
-from feedopt_core.config.locate import find_config
-from feedopt_core.config.machine import Machine, load_machine
+from feedopt_core.config_files import find_config
 from feedopt_core.errors import FeedoptError
-from feedopt_core.feedrate.chunk import Chunk
-from feedopt_core.feedrate.planner import PlannerParameters
-from feedopt_core.path.segments import Segment
-from feedopt_core.survey import survey_program
-from feedopt_core.toolpath.program import open_program, read_program
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.machine.machine_file import Machine, load_machine
+from feedopt_core.motion.chunk import Chunk
+from feedopt_core.pipeline.read_program import open_program, read_program
+from feedopt_core.pipeline.survey import survey_program
+from feedopt_core.planner.stream_planner import PlannerParameters
 
 _MESH_CONVERGED = 1e-3
 _THESIS_SPACING_MM = 0.5

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.path.segments import PlanarSegment, Segment, SegmentKind, SegmentPlace
+from feedopt_core.geometry.segments import PlanarSegment, Segment, SegmentKind, SegmentPlace
 from feedopt_core.smoothing.cubic_spline import interpolate_points
 
 _FINGERS = (

@@ -14,14 +14,14 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.audit.fine_grid import audit_profile
-from feedopt_core.audit.report import merge
 from feedopt_core.audit.setpoints import audit_setpoints
-from feedopt_core.config.machine import Machine
-from feedopt_core.feedrate.chunk import Chunk
-from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
-from feedopt_core.path.segments import Segment
-from feedopt_core.path.toolpath import Toolpath
-from feedopt_core.plan import interpolate
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.machine_file import Machine
+from feedopt_core.motion.certificate import merge
+from feedopt_core.motion.chunk import Chunk
+from feedopt_core.pipeline.plan_program import interpolate
+from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 
 PERIOD_S = 0.001
 _REST_TICKS = 10

@@ -23,8 +23,8 @@ from benchmark.programs.scales import run_scales
 from rich.console import Console
 from rich.table import Table
 
-from feedopt_core.config.machine import load_machine
-from feedopt_core.feedrate.planner import PlannerParameters
+from feedopt_core.machine.machine_file import load_machine
+from feedopt_core.planner.stream_planner import PlannerParameters
 from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM
 
 _READING_CHORD_MM = 0.01

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmark.programs.own import OWN_PROGRAMS
 
-from feedopt_core.toolpath.program import SUFFIXES
+from feedopt_core.pipeline.read_program import SUFFIXES
 
 MACHINES = {2: "case_a", 3: "router_heng"}
 """Machine for as many coordinates as a program needs."""

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.config.locate import find_config
-from feedopt_core.path.segments import Segment
-from feedopt_core.path.toolpath import Toolpath
+from feedopt_core.config_files import find_config
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.programs.points_csv import read_points
 from feedopt_core.smoothing.cubic_spline import interpolate_points
-from feedopt_core.toolpath.points_csv import read_points
 
 _FEED_MM_MIN = 60_000
 """Above every limit of the machines here: they alone hold."""

@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 
-from feedopt_core.toolpath.program import open_program, read_moves, read_program
+from feedopt_core.pipeline.read_program import open_program, read_moves, read_program
 
 _KILOBYTES_A_MEGABYTE = 1024.0
 

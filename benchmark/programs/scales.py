@@ -9,9 +9,9 @@ from pathlib import Path
 from benchmark.programs.own import circle_diamond_square
 from benchmark.programs.planned import Motion, plan_segments
 
-from feedopt_core.config.machine import Machine
-from feedopt_core.feedrate.planner import PlannerParameters
-from feedopt_core.survey import survey_program
+from feedopt_core.machine.machine_file import Machine
+from feedopt_core.pipeline.survey import survey_program
+from feedopt_core.planner.stream_planner import PlannerParameters
 
 _SIZE_MM = 40.0
 _FEED_MM_MIN = 6000.0

@@ -20,18 +20,18 @@ from rich.table import Table
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.audit.setpoints import audit_setpoints
-from feedopt_core.config.locate import find_config
-from feedopt_core.config.machine import Machine, load_machine
+from feedopt_core.config_files import find_config
 from feedopt_core.errors import FeedoptError
-from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
-from feedopt_core.interpolation.setpoints import InterpolatorParameters
-from feedopt_core.path.arc_length import map_arc_length
-from feedopt_core.path.nurbs import NurbsCurve
-from feedopt_core.path.segments import NurbsSegment, Segment, SegmentPlace
-from feedopt_core.path.toolpath import Toolpath
-from feedopt_core.plan import interpolate
+from feedopt_core.geometry.arc_length import map_arc_length
+from feedopt_core.geometry.nurbs import NurbsCurve
+from feedopt_core.geometry.segments import NurbsSegment, Segment, SegmentPlace
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.machine_file import Machine, load_machine
+from feedopt_core.motion.setpoints import InterpolatorParameters
+from feedopt_core.pipeline.plan_program import interpolate
+from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
+from feedopt_core.programs.points_csv import read_points
 from feedopt_core.smoothing.cubic_spline import interpolate_points
-from feedopt_core.toolpath.points_csv import read_points
 
 _TOLERANCE_MM = 0.01
 

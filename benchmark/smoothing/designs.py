@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 import osqp
+from benchmark.curves.nurbs_fit import fit_nurbs
 from scipy import sparse
 from scipy.interpolate import BSpline, splprep
 from scipy.spatial import cKDTree
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.path.nurbs import NurbsCurve
-from feedopt_core.smoothing.nurbs_fit import fit_nurbs
-from feedopt_core.smoothing.run_knots import graded_joints, graded_spans, place_sites, span_lengths_mm, turns_rad
-from feedopt_core.smoothing.run_simplify import PolylineSimplifier
-from feedopt_core.smoothing.run_smoother import RunSmoother
-from feedopt_core.smoothing.run_tube import DEGREE, roughness, site_basis
+from feedopt_core.geometry.nurbs import NurbsCurve
+from feedopt_core.smoothing.runs.knots import graded_joints, graded_spans, place_sites, span_lengths_mm, turns_rad
+from feedopt_core.smoothing.runs.simplify import PolylineSimplifier
+from feedopt_core.smoothing.runs.smoother import RunSmoother
+from feedopt_core.smoothing.runs.tube import DEGREE, roughness, site_basis
 
 _BLOCK = 4096
 _BISECTIONS = 12

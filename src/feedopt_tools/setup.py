@@ -19,7 +19,6 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "recorder_node = feedopt_tools.recorder.recorder_node:main",
             "feedopt = feedopt_tools.command.main:main",
         ],
     },

@@ -10,14 +10,14 @@ from core_paths import toolpath_of
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.audit.fine_grid import audit_profile
-from feedopt_core.audit.report import AuditReport, merge
-from feedopt_core.config.machine import Machine
-from feedopt_core.feedrate.chunk import Chunk
-from feedopt_core.feedrate.method import PlanningMethod
-from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
-from feedopt_core.path.segments import Segment
-from feedopt_core.path.toolpath import Toolpath
-from feedopt_core.plan import Setpoints, interpolate
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.machine_file import Machine
+from feedopt_core.motion.certificate import AuditReport, merge
+from feedopt_core.motion.chunk import Chunk
+from feedopt_core.pipeline.plan_program import Setpoints, interpolate
+from feedopt_core.planner.method import PlanningMethod
+from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 
 PERIOD_S = 0.001
 ONE_WINDOW = PlannerParameters(commitment_mm=1e5)

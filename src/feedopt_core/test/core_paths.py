@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.config.machine import DriveModel, Machine, TrackingModel
-from feedopt_core.path.segments import PlanarSegment, Segment, SegmentKind, SegmentPlace
-from feedopt_core.path.toolpath import Toolpath
+from feedopt_core.geometry.segments import PlanarSegment, Segment, SegmentKind, SegmentPlace
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.machine_file import DriveModel, Machine, TrackingModel
 from feedopt_core.smoothing.cubic_spline import interpolate_points
 
 INFINITY = float("inf")

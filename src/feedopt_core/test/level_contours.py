@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from feedopt_core.toolpath.moves import ArcMove, LineMoves, NurbsMove, PathMode
+from feedopt_core.programs.moves import ArcMove, LineMoves, NurbsMove, PathMode
 
 CONTINUOUS = PathMode()
 

@@ -10,11 +10,11 @@ import numpy as np
 from core_paths import toolpath_of
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.path.derivatives import PathPoints
-from feedopt_core.path.segments import Segment
-from feedopt_core.path.toolpath import Toolpath
+from feedopt_core.geometry.path_points import PathPoints
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.programs.moves import ArcMove, LineMoves, Move, PathMode
 from feedopt_core.smoothing.stage import smooth
-from feedopt_core.toolpath.moves import ArcMove, LineMoves, Move, PathMode
 
 TOLERANCE_MM = 0.01
 FEED_MM_S = 150.0

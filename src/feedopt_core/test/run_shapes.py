@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.path.segments import NurbsSegment, SegmentPlace
-from feedopt_core.smoothing.run_smoother import RunPiece, RunSmoother
+from feedopt_core.geometry.segments import NurbsSegment, SegmentPlace
+from feedopt_core.smoothing.runs.smoother import RunPiece, RunSmoother
 
 TOLERANCE_MM = 0.01
 

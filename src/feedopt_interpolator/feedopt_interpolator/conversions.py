@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from feedopt_core.interpolation.setpoints import SetpointBlock
+from feedopt_core.motion.setpoints import SetpointBlock
 from feedopt_msgs.msg import AxisSetpoint
 from feedopt_node.conversions import doubles, time_message
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import FeedoptError
-from feedopt_core.interpolation.setpoints import InterpolatorParameters
+from feedopt_core.machine.machine_file import load_machine
+from feedopt_core.motion.setpoints import InterpolatorParameters
 from feedopt_interpolator.conversions import diagnostics
 from feedopt_interpolator.program_motion import ProgramMotion
 from feedopt_interpolator.real_time import request_real_time_priority

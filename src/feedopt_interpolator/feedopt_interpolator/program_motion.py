@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from feedopt_core.config.machine import Machine
-from feedopt_core.feedrate.chunk import Chunk
-from feedopt_core.interpolation.setpoints import InterpolatorParameters, SetpointBlock, SetpointStream
-from feedopt_core.path.segments import Segment
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.machine.machine_file import Machine
+from feedopt_core.motion.chunk import Chunk
+from feedopt_core.motion.setpoints import InterpolatorParameters, SetpointBlock, SetpointStream
 
 
 class ProgramMotion:

@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from feedopt_core.config.machine import Machine, load_machine
-from feedopt_core.feedrate.chunk import Chunk
-from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
-from feedopt_core.path.segments import Segment
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.machine.machine_file import Machine, load_machine
+from feedopt_core.motion.chunk import Chunk
+from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 from feedopt_core.smoothing.cubic_spline import interpolate_points
 
 

@@ -10,7 +10,7 @@ import pytest
 from planned_motion import machine, planned
 
 from feedopt_core.errors import ToolpathError
-from feedopt_core.interpolation.setpoints import InterpolatorParameters, SetpointBlock
+from feedopt_core.motion.setpoints import InterpolatorParameters, SetpointBlock
 from feedopt_interpolator.program_motion import ProgramMotion
 
 PARAMETERS = InterpolatorParameters(rest_before_ticks=3, rest_after_ticks=5)

@@ -13,7 +13,7 @@ import pytest
 from planned_motion import machine, planned
 
 from feedopt_core.errors import ToolpathError
-from feedopt_core.interpolation.setpoints import InterpolatorParameters
+from feedopt_core.motion.setpoints import InterpolatorParameters
 from feedopt_interpolator.conversions import SetpointRows
 from feedopt_interpolator.program_motion import ProgramMotion
 from feedopt_interpolator.real_time import sleep_until

@@ -15,12 +15,13 @@ import numpy as np
 from builtin_interfaces.msg import Time
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.config.machine import DriveModel, Machine, TrackingModel
-from feedopt_core.feedrate.chunk import Certificate, Chunk, SolverFigures
-from feedopt_core.feedrate.profile import FeedProfile
-from feedopt_core.path.arc_length import ORDER, ArcLengthMap
-from feedopt_core.path.nurbs import NurbsCurve
-from feedopt_core.path.segments import NurbsSegment, PlanarSegment, Segment, SegmentKind, SegmentPlace
+from feedopt_core.geometry.arc_length import ORDER, ArcLengthMap
+from feedopt_core.geometry.nurbs import NurbsCurve
+from feedopt_core.geometry.segments import NurbsSegment, PlanarSegment, Segment, SegmentKind, SegmentPlace
+from feedopt_core.machine.machine_file import DriveModel, Machine, TrackingModel
+from feedopt_core.motion.certificate import Certificate
+from feedopt_core.motion.chunk import Chunk, SolverFigures
+from feedopt_core.motion.profile import FeedProfile
 from feedopt_msgs.msg import FeedProfileChunk, ToolpathSegment
 from feedopt_msgs.msg import Machine as MachineMessage
 

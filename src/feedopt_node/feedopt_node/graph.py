@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import yaml
 
-from feedopt_core.config.locate import config_directory
+from feedopt_core.config_files import config_directory
 from feedopt_core.errors import ConfigError
 
 ParameterValue: TypeAlias = bool | int | float | str | tuple[str, ...]

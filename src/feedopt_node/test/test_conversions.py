@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
-from feedopt_core.config.machine import Machine, load_machine
 from feedopt_core.errors import ToolpathError
-from feedopt_core.feedrate.chunk import Certificate, Chunk, SolverFigures
-from feedopt_core.feedrate.profile import ElementKind, FeedProfile
-from feedopt_core.path.segments import PlanarSegment, Segment, SegmentKind, SegmentPlace
+from feedopt_core.geometry.segments import PlanarSegment, Segment, SegmentKind, SegmentPlace
+from feedopt_core.machine.machine_file import Machine, load_machine
+from feedopt_core.motion.certificate import Certificate
+from feedopt_core.motion.chunk import Chunk, SolverFigures
+from feedopt_core.motion.profile import ElementKind, FeedProfile
 from feedopt_core.smoothing.cubic_spline import interpolate_points
 from feedopt_node.conversions import (
     chunk_from_message,
@@ -44,7 +45,7 @@ def assert_same(left: Any, right: Any) -> None:
             assert_same(getattr(left, entry.name), getattr(right, entry.name))
     elif isinstance(left, float):
         assert left == right or (math.isnan(left) and math.isnan(right))
-    elif not callable(left) and type(left).__module__ in ("builtins", "feedopt_core.path.segments"):
+    elif not callable(left) and type(left).__module__ in ("builtins", "feedopt_core.geometry.segments"):
         assert left == right
 
 

@@ -11,8 +11,8 @@ from nav_msgs.msg import Path
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import ToolpathError
-from feedopt_core.feedrate.chunk import Chunk
-from feedopt_core.path.segments import Segment
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.motion.chunk import Chunk
 from feedopt_msgs.action import ExecuteProgram
 from feedopt_node.conversions import time_message
 from feedopt_node.faults import INFEASIBLE_PREFIX, PROGRAM_PREFIX

@@ -6,10 +6,10 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
-from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import FeedoptError
-from feedopt_core.feedrate.chunk import Chunk
-from feedopt_core.feedrate.planner import PlannerParameters
+from feedopt_core.machine.machine_file import load_machine
+from feedopt_core.motion.chunk import Chunk
+from feedopt_core.planner.stream_planner import PlannerParameters
 from feedopt_msgs.msg import NodeStatus, ToolpathSegment
 from feedopt_node.conversions import chunk_to_message, machine_to_message, segment_from_message
 from feedopt_node.faults import fault_text

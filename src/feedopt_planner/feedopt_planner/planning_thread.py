@@ -7,10 +7,10 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from feedopt_core.config.machine import Machine
-from feedopt_core.feedrate.chunk import Chunk
-from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
-from feedopt_core.path.segments import Segment
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.machine.machine_file import Machine
+from feedopt_core.motion.chunk import Chunk
+from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 
 
 @dataclass(frozen=True)

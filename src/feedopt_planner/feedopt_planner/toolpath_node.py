@@ -14,12 +14,12 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 
-from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import FeedoptError, ToolpathError
-from feedopt_core.path.segments import Segment
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.machine.machine_file import load_machine
+from feedopt_core.pipeline.read_program import Program, open_program, read_program
+from feedopt_core.programs.layers.transitions import LayerTransitions
 from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM
-from feedopt_core.smoothing.layers import LayerTransitions
-from feedopt_core.toolpath.program import Program, open_program, read_program
 from feedopt_msgs.action import ExecuteProgram
 from feedopt_msgs.msg import NodeStatus, ProgramLines
 from feedopt_node.conversions import segment_to_message

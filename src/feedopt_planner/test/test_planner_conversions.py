@@ -11,9 +11,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message, serialize_message
 
 from feedopt_core.errors import ToolpathError
-from feedopt_core.feedrate.chunk import Certificate, Chunk, SolverFigures
-from feedopt_core.feedrate.profile import FeedProfile
-from feedopt_core.path.segments import PlanarSegment, SegmentKind, SegmentPlace
+from feedopt_core.geometry.segments import PlanarSegment, SegmentKind, SegmentPlace
+from feedopt_core.motion.certificate import Certificate
+from feedopt_core.motion.chunk import Chunk, SolverFigures
+from feedopt_core.motion.profile import FeedProfile
 from feedopt_msgs.action import ExecuteProgram
 from feedopt_planner.conversions import (
     MAX_DISPLAY_POINTS,

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import ConfigError, ToolpathError
-from feedopt_core.feedrate.chunk import Chunk
-from feedopt_core.feedrate.planner import PlannerParameters
-from feedopt_core.path.segments import Segment
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.machine.machine_file import load_machine
+from feedopt_core.motion.chunk import Chunk
+from feedopt_core.planner.stream_planner import PlannerParameters
 from feedopt_core.smoothing.cubic_spline import interpolate_points
 from feedopt_planner.planning_thread import PlanningEvents, PlanningThread
 

@@ -95,7 +95,7 @@ def test_plan_writes_set_points_and_report(program: Path, tmp_path: Path) -> Non
 
 
 def test_set_points_keep_their_digits(tmp_path: Path) -> None:
-    from feedopt_core.plan import Setpoints
+    from feedopt_core.pipeline.plan_program import Setpoints
 
     rng = np.random.default_rng(1)
     row = rng.uniform(-1e3, 1e3, 50)

@@ -13,9 +13,9 @@ from rosbags.highlevel import AnyReader
 
 pytest.importorskip("feedopt_msgs.msg")
 
-from feedopt_tools.bags.metadata_yaml import FILE_NAME, metadata_findings
+from feedopt_recorder.bags.metadata_yaml import FILE_NAME, metadata_findings
+from feedopt_recorder.message_schemas import MessageSchemas
 from feedopt_tools.command.main import main
-from feedopt_tools.recorder.message_schemas import MessageSchemas
 
 DURATION_S = 1.5
 
@@ -103,7 +103,7 @@ def test_recording_of_others_has_an_info_and_no_check(tmp_path: Path) -> None:
     from recorded_run import schemas
 
     from feedopt_node.graph import Qos, Topic
-    from feedopt_tools.recorder.bag_writer import BagWriter, Received
+    from feedopt_recorder.bag_writer import BagWriter, Received
 
     other = (Topic("/chatter", "builtin_interfaces/msg/Time", (), (), Qos("any", "reliable", "volatile", 1)),)
     writer = BagWriter(tmp_path / "chat", other, schemas(tmp_path / "share"))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from feedopt_core.survey import survey_program
+from feedopt_core.pipeline.survey import survey_program
 from feedopt_tools.command.main import main
-from feedopt_tools.views.survey_scene import survey_rows, survey_scene
+from feedopt_tools.views.signals.survey_scene import survey_rows, survey_scene
 
 # A quarter of a circle, then two sides of a square: two corners.
 PROGRAM = """{"feed_mm_s": 50, "curves": [

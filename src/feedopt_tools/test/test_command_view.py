@@ -13,12 +13,12 @@ from click.testing import CliRunner, Result
 from mcap.writer import Writer
 from recorded_run import write_run
 
-from feedopt_tools.bags.read_bag import read_bag
+from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_tools.command.main import main
 from feedopt_tools.report import html_parts
 from feedopt_tools.views.pages import PAGES
-from feedopt_tools.views.scene import scene_of
-from feedopt_tools.views.summary import summary_markdown
+from feedopt_tools.views.signals.scene import scene_of
+from feedopt_tools.views.signals.summary import summary_markdown
 
 
 @pytest.fixture(scope="module")

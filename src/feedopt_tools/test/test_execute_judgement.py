@@ -11,8 +11,8 @@ import pytest
 from recorded_run import motion, write_run
 
 from feedopt_core.errors import ConfigError
-from feedopt_tools.bags.read_bag import read_bag
-from feedopt_tools.bags.run_data import RunData
+from feedopt_recorder.bags.read_bag import read_bag
+from feedopt_recorder.bags.run_data import RunData
 from feedopt_tools.execute.judgement import TrackingRow, judge_run
 
 SUMMARY = {"topics": {"/a": {"messages": 40}, "/b": {"messages": 2}}, "cpu_share_ratio": 0.125}

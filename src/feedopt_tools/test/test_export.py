@@ -15,13 +15,13 @@ from click.testing import CliRunner
 from recorded_run import MACHINE_YAML, write_run
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.config.machine import parse_machine
-from feedopt_core.path.segments import PlanarSegment, SegmentKind, SegmentPlace
-from feedopt_core.path.toolpath import Toolpath
-from feedopt_core.toolpath.moves import LineMoves, ProgramEvent
-from feedopt_core.toolpath.program import Program, ProgramKind, read_moves
-from feedopt_tools.bags.read_bag import read_bag
-from feedopt_tools.bags.run_data import RunData
+from feedopt_core.geometry.segments import PlanarSegment, SegmentKind, SegmentPlace
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.machine_file import parse_machine
+from feedopt_core.pipeline.read_program import Program, ProgramKind, read_moves
+from feedopt_core.programs.moves import LineMoves, ProgramEvent
+from feedopt_recorder.bags.read_bag import read_bag
+from feedopt_recorder.bags.run_data import RunData
 from feedopt_tools.command.main import main
 from feedopt_tools.export.chords import chord_deviation_mm, chord_ends_mm
 from feedopt_tools.export.errors import ExportError

@@ -12,8 +12,8 @@ import rerun as rr
 from click.testing import CliRunner
 from recorded_run import write_run
 
-from feedopt_tools.bags.read_bag import read_bag
-from feedopt_tools.bags.run_data import RunData, SampleArrays, StatusRow
+from feedopt_recorder.bags.read_bag import read_bag
+from feedopt_recorder.bags.run_data import RunData, SampleArrays, StatusRow
 from feedopt_tools.command.main import main
 from feedopt_tools.live.live_drawing import LiveDrawing
 

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 
 pytest.importorskip("feedopt_msgs.msg")
 
-from feedopt_core.config.machine import Machine, load_machine
-from feedopt_core.feedrate.chunk import Chunk
-from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
-from feedopt_core.interpolation.setpoints import InterpolatorParameters, SetpointStream
-from feedopt_core.path.segments import Segment
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.machine.machine_file import Machine, load_machine
+from feedopt_core.motion.chunk import Chunk
+from feedopt_core.motion.setpoints import InterpolatorParameters, SetpointStream
+from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 from feedopt_core.smoothing.cubic_spline import interpolate_points
 from feedopt_interpolator.conversions import SetpointRows
 from feedopt_interpolator.setpoint_buffer import BLOCK_TICKS

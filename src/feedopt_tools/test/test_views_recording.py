@@ -16,17 +16,18 @@ import numpy as np
 import pytest
 from recorded_run import motion, write_run
 
-from feedopt_tools.bags.read_bag import read_bag
-from feedopt_tools.bags.run_data import RunData
-from feedopt_tools.views import rerun_picture, viewer
+from feedopt_recorder.bags.read_bag import read_bag
+from feedopt_recorder.bags.run_data import RunData
 from feedopt_tools.views.colours import feed_colours
 from feedopt_tools.views.errors import ViewError
-from feedopt_tools.views.matplotlib_picture import draw_by_matplotlib
+from feedopt_tools.views.matplotlib.picture import draw_by_matplotlib
 from feedopt_tools.views.picture import draw_picture
-from feedopt_tools.views.recording import save_recording
-from feedopt_tools.views.scene import scene_of
-from feedopt_tools.views.signals import jerk_of, signals_of, speed_pieces
-from feedopt_tools.views.summary import summary_markdown
+from feedopt_tools.views.rerun import picture as rerun_picture
+from feedopt_tools.views.rerun import viewer
+from feedopt_tools.views.rerun.recording import save_recording
+from feedopt_tools.views.signals.scene import scene_of
+from feedopt_tools.views.signals.signals import jerk_of, signals_of, speed_pieces
+from feedopt_tools.views.signals.summary import summary_markdown
 
 DURATION_S = 2.0
 

@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 from recorded_run import write_run
 
-from feedopt_core.toolpath.moves import ArcMove, LineMoves, NurbsMove
-from feedopt_tools.bags.read_bag import read_bag
-from feedopt_tools.bags.run_data import RunData, StatusRow
-from feedopt_tools.views.comparison import compare, comparison_markdown
-from feedopt_tools.views.contour import contour_of
+from feedopt_core.programs.moves import ArcMove, LineMoves, NurbsMove
+from feedopt_recorder.bags.read_bag import read_bag
+from feedopt_recorder.bags.run_data import RunData, StatusRow
 from feedopt_tools.views.errors import ViewError
-from feedopt_tools.views.layout import pages_of
-from feedopt_tools.views.limit_use import NONE, limit_use_of
-from feedopt_tools.views.matplotlib_style import thinned
+from feedopt_tools.views.matplotlib.style import thinned
 from feedopt_tools.views.pages import CONTOUR, PAGES, PLANNER, page_named
-from feedopt_tools.views.programmed import path_of_moves, programmed_path
-from feedopt_tools.views.run_events import events_of, node_states, program_lines
-from feedopt_tools.views.scene import scene_of
-from feedopt_tools.views.signals import RunSignals, signals_of
+from feedopt_tools.views.rerun.layout import pages_of
+from feedopt_tools.views.signals.comparison import compare, comparison_markdown
+from feedopt_tools.views.signals.contour import contour_of
+from feedopt_tools.views.signals.limit_use import NONE, limit_use_of
+from feedopt_tools.views.signals.programmed import path_of_moves, programmed_path
+from feedopt_tools.views.signals.run_events import events_of, node_states, program_lines
+from feedopt_tools.views.signals.scene import scene_of
+from feedopt_tools.views.signals.signals import RunSignals, signals_of
 
 DURATION_S = 2.0
 
@@ -223,8 +223,8 @@ def test_reserve_is_what_is_committed_ahead_of_the_motion(run: RunData) -> None:
 
 
 def test_recording_of_a_comparison_is_valid(run: RunData, tmp_path: Path) -> None:
-    from feedopt_tools.views.comparison_recording import save_comparison
     from feedopt_tools.views.picture import draw_comparison_picture
+    from feedopt_tools.views.rerun.comparison_recording import save_comparison
 
     scene = scene_of(run)
     comparison = compare(scene, scene)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import yaml
 
-from feedopt_core.config.machine import machine_path
 from feedopt_core.errors import ConfigError
+from feedopt_core.machine.machine_file import machine_path
 from router_sim.parameters import RouterSimParameters
 
 SECTION = "router_sim"

@@ -9,8 +9,8 @@ from typing import Any
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 
-from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import ConfigError, FeedoptError
+from feedopt_core.machine.machine_file import load_machine
 from feedopt_msgs.msg import AxisSetpoint, AxisState, NodeStatus
 from feedopt_node.faults import fault_text
 from feedopt_node.graph_node import GraphNode

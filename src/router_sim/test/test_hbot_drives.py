@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from reference_moves import Move, circle
 
-from feedopt_core.config.machine import load_machine
+from feedopt_core.machine.machine_file import load_machine
 from router_sim.machine_file import load_router_parameters
 from router_sim.router import SimulatedRouter
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from feedopt_core.config.machine import load_machine, machine_path
 from feedopt_core.errors import ConfigError
+from feedopt_core.machine.machine_file import load_machine, machine_path
 from router_sim.machine_file import load_router_parameters
 
 MACHINES = sorted(path.stem for path in machine_path("router_simulation").parent.glob("*.yaml"))

@@ -16,8 +16,8 @@ from scipy.interpolate import BSpline
 
 from feedopt_core.arrays import FloatArray, IntArray
 from feedopt_core.compiled import compiled
-from feedopt_core.path.segments import Segment, SegmentKind
-from feedopt_core.toolpath.moves import ArcMove, LineMoves, Move, NurbsMove, ProgramEvent
+from feedopt_core.geometry.segments import Segment, SegmentKind
+from feedopt_core.programs.moves import ArcMove, LineMoves, Move, NurbsMove, ProgramEvent
 
 ALLOWED_RATIO = 1.005
 """Largest ratio of deviation to tolerance that passes; what is above 1 is room for the chords of the two chains."""

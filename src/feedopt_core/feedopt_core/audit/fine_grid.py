@@ -6,12 +6,12 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.audit.quantities import AxisMotion, drive_rows, kinematic_rows
-from feedopt_core.audit.report import AuditReport, AuditRow
 from feedopt_core.compiled import compiled
-from feedopt_core.config.machine import Machine
-from feedopt_core.feedrate.profile import FeedProfile
-from feedopt_core.path.sampling import samples_between
-from feedopt_core.path.toolpath import Toolpath
+from feedopt_core.geometry.sampling import samples_between
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.machine_file import Machine
+from feedopt_core.motion.certificate import AuditReport, AuditRow
+from feedopt_core.motion.profile import FeedProfile
 
 GRID = "fine"
 _INSTANTS = 9

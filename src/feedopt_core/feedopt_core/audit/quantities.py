@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.audit.report import AuditRow
 from feedopt_core.compiled import compiled
-from feedopt_core.config.machine import DriveModel, Machine, TrackingModel
+from feedopt_core.machine.machine_file import DriveModel, Machine, TrackingModel
+from feedopt_core.motion.certificate import AuditRow
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.audit.quantities import AxisMotion, drive_rows, worst_rows
-from feedopt_core.audit.report import AuditReport
-from feedopt_core.config.machine import Machine
+from feedopt_core.machine.machine_file import Machine
+from feedopt_core.motion.certificate import AuditReport
 
 GRID = "1 kHz"
 _REST = 3

@@ -1,1 +1,1 @@
-"""From programmed points to smooth segments."""
+"""From programmed moves to the segments of a smooth path."""

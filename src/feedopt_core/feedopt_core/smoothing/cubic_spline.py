@@ -9,9 +9,9 @@ from scipy.interpolate import CubicSpline
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import ToolpathError
-from feedopt_core.path.arc_length import ArcLengthMap, StandstillError, map_arc_length
-from feedopt_core.path.nurbs import NurbsCurve
-from feedopt_core.path.segments import NurbsSegment, SegmentPlace
+from feedopt_core.geometry.arc_length import ArcLengthMap, StandstillError, map_arc_length
+from feedopt_core.geometry.nurbs import NurbsCurve
+from feedopt_core.geometry.segments import NurbsSegment, SegmentPlace
 
 _CLOSED_MM = 1e-9
 _INTERVALS = 8

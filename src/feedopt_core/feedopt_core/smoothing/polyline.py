@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from feedopt_core.arrays import FloatArray, IntArray
 from feedopt_core.compiled import compiled
-from feedopt_core.smoothing.runs import Run
+from feedopt_core.programs.moves import PathMode
+from feedopt_core.smoothing.runs.run import Run
 from feedopt_core.smoothing.side import Side, rounding_mm, straight_side
-from feedopt_core.toolpath.moves import PathMode
 
 _RUN_TURN = 12.0
 _CORNER_REACH = 10.0

@@ -9,9 +9,9 @@ from scipy.interpolate import BSpline
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import ToolpathError
-from feedopt_core.path.arc_length import StandstillError, map_arc_length
-from feedopt_core.path.nurbs import NurbsCurve
-from feedopt_core.path.segments import NurbsSegment, PlanarSegment, Segment, SegmentKind, SegmentPlace
+from feedopt_core.geometry.arc_length import StandstillError, map_arc_length
+from feedopt_core.geometry.nurbs import NurbsCurve
+from feedopt_core.geometry.segments import NurbsSegment, PlanarSegment, Segment, SegmentKind, SegmentPlace
 
 UNPLACED = SegmentPlace(1, 1, 0.0)
 """Place of a curve that is no segment of a toolpath yet."""

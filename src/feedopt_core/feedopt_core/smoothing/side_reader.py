@@ -9,11 +9,11 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray, IntArray
 from feedopt_core.errors import ToolpathError
-from feedopt_core.path.nurbs import NurbsCurve
-from feedopt_core.path.segments import NurbsSegment, PlanarSegment, SegmentKind
+from feedopt_core.geometry.nurbs import NurbsCurve
+from feedopt_core.geometry.segments import NurbsSegment, PlanarSegment, SegmentKind
+from feedopt_core.programs.moves import ArcMove, LineMoves, NurbsMove, PathMode
 from feedopt_core.smoothing.polyline import Polyline, PolylineKind
 from feedopt_core.smoothing.side import ROOM_SHARE, UNPLACED, Side, curve_between, nurbs_side_curve, rounding_mm
-from feedopt_core.toolpath.moves import ArcMove, LineMoves, NurbsMove, PathMode
 
 _SPANS = 16
 """Knot spans a side: a longer curve is divided so that it arrives in parts."""

@@ -14,12 +14,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from feedopt_core.errors import ToolpathError
-from feedopt_core.path.segments import PlanarSegment, Segment, SegmentPlace
-from feedopt_core.smoothing.blend import SMOOTH_TURN_RAD, blend, continues
-from feedopt_core.smoothing.corner import EulerPair, turning_angle
+from feedopt_core.geometry.segments import PlanarSegment, Segment, SegmentPlace
+from feedopt_core.programs.moves import Move, ProgramEvent
+from feedopt_core.smoothing.corners.blend import SMOOTH_TURN_RAD, blend, continues
+from feedopt_core.smoothing.corners.euler_pair import EulerPair, turning_angle
 from feedopt_core.smoothing.side import Side, part, rounding_mm
 from feedopt_core.smoothing.side_reader import SideReader
-from feedopt_core.toolpath.moves import Move, ProgramEvent
 
 _SHARPEST_CORNER_RAD = 2.97
 """170 degrees: beyond, the spirals are so tight that stopping is as fast."""

@@ -9,9 +9,9 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from feedopt_core.audit.report import ALLOWED_RATIO
-from feedopt_core.config.locate import config_directory
-from feedopt_tools.bags.read_bag import read_bag
+from feedopt_core.config_files import config_directory
+from feedopt_core.motion.certificate import ALLOWED_RATIO
+from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_tools.command.exit_codes import FAILURE, OK
 from feedopt_tools.command.options import DEFAULT_MACHINE, run_directory
 from feedopt_tools.command.run import execution_exit_code, show_execution
@@ -20,7 +20,7 @@ from feedopt_tools.execute.client import ProgramRequest
 from feedopt_tools.execute.execution import RunOptions, execute_program
 from feedopt_tools.execute.judgement import Judgement, judge_run
 from feedopt_tools.views.picture import draw_picture
-from feedopt_tools.views.recording import save_recording
+from feedopt_tools.views.rerun.recording import save_recording
 
 PROGRAM = "fan_contour.csv"
 

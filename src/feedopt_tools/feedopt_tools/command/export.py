@@ -7,11 +7,11 @@ from pathlib import Path
 
 import click
 
-from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import ConfigError
-from feedopt_core.plan import plan_program
-from feedopt_tools.bags.read_bag import read_bag
-from feedopt_tools.bags.run_data import RunData
+from feedopt_core.machine.machine_file import load_machine
+from feedopt_core.pipeline.plan_program import plan_program
+from feedopt_recorder.bags.read_bag import read_bag
+from feedopt_recorder.bags.run_data import RunData
 from feedopt_tools.command.options import machine_option, method_option, planner_parameters, tolerance_option
 from feedopt_tools.execute.execution import BAG_NAME
 from feedopt_tools.export.errors import ExportError

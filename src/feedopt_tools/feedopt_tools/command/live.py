@@ -12,8 +12,8 @@ import rerun as rr
 from feedopt_core.errors import ConfigError
 from feedopt_tools.live.live_node import LiveNode
 from feedopt_tools.views.errors import ViewError
-from feedopt_tools.views.recording import APPLICATION
-from feedopt_tools.views.viewer import has_display
+from feedopt_tools.views.rerun.recording import APPLICATION
+from feedopt_tools.views.rerun.viewer import has_display
 
 _PERIOD_S = 0.1
 

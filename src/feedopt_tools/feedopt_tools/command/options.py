@@ -9,11 +9,11 @@ from typing import Any, TypeVar
 
 import click
 
-from feedopt_core.config.locate import config_directory
+from feedopt_core.config_files import config_directory
 from feedopt_core.errors import ConfigError
-from feedopt_core.feedrate.planner import PlannerParameters
+from feedopt_core.planner.stream_planner import PlannerParameters
+from feedopt_core.programs.layers.transitions import TransitionSide
 from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM
-from feedopt_core.smoothing.layers import TransitionSide
 from feedopt_node.parameters import load_parameters
 from feedopt_tools.command.workspace import workspace_root
 
@@ -73,7 +73,7 @@ def planner_parameters(method: str) -> PlannerParameters:
     """
     from dataclasses import replace
 
-    from feedopt_core.feedrate.methods import METHOD_NAMES
+    from feedopt_core.planner.methods import METHOD_NAMES
 
     if method and method not in METHOD_NAMES:
         raise ConfigError(f"method {method!r} is unknown; there are: {', '.join(METHOD_NAMES)}")

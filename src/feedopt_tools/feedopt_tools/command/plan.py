@@ -9,10 +9,10 @@ from pathlib import Path
 import click
 import numpy as np
 
-from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import ConfigError
-from feedopt_core.plan import Plan, Setpoints, plan_program
-from feedopt_core.smoothing.layers import LayerTransitions
+from feedopt_core.machine.machine_file import load_machine
+from feedopt_core.pipeline.plan_program import Plan, Setpoints, plan_program
+from feedopt_core.programs.layers.transitions import LayerTransitions
 from feedopt_tools.command.exit_codes import FAILURE, OK
 from feedopt_tools.command.options import (
     machine_option,

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
-from feedopt_tools.bags.read_bag import read_bag
+from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_tools.execute.execution import BAG_NAME
 from feedopt_tools.report.run_report import write_report
-from feedopt_tools.views.scene import scene_of
+from feedopt_tools.views.signals.scene import scene_of
 
 
 @click.command()

@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from feedopt_core.toolpath.program import open_program
+from feedopt_core.pipeline.read_program import open_program
 from feedopt_tools.command.exit_codes import FAILURE, OK, UNUSABLE_INPUT
 from feedopt_tools.command.options import (
     machine_option,

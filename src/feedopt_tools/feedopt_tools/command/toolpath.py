@@ -14,16 +14,16 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from feedopt_core.config.machine import load_machine
 from feedopt_core.errors import ConfigError
-from feedopt_core.smoothing.layers import LayerTransitions
-from feedopt_core.survey import SurveyFigures, survey_figures, survey_program
+from feedopt_core.machine.machine_file import load_machine
+from feedopt_core.pipeline.survey import SurveyFigures, survey_figures, survey_program
+from feedopt_core.programs.layers.transitions import LayerTransitions
 from feedopt_tools.command.exit_codes import FAILURE, OK
 from feedopt_tools.command.options import tolerance_option, transition_options
 from feedopt_tools.views.errors import ViewError
 
 if TYPE_CHECKING:
-    from feedopt_tools.views.survey_scene import SurveyScene
+    from feedopt_tools.views.signals.survey_scene import SurveyScene
 
 
 @click.command()
@@ -64,7 +64,7 @@ def command(
             raise ConfigError(f"{error.filename}: cannot be written: {error.strerror}") from error
     if view or save is not None or screenshot is not None:
         try:
-            from feedopt_tools.views.survey_scene import survey_scene
+            from feedopt_tools.views.signals.survey_scene import survey_scene
 
             _show(survey_scene(program.name, survey), view=view, save=save, screenshot=screenshot)
         except ModuleNotFoundError as error:
@@ -85,7 +85,7 @@ def figures_document(figures: SurveyFigures) -> dict[str, object]:
 
 
 def _show_figures(figures: SurveyFigures) -> None:
-    from feedopt_tools.views.survey_scene import survey_rows
+    from feedopt_tools.views.signals.survey_scene import survey_rows
 
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, text in survey_rows(figures):
@@ -95,8 +95,8 @@ def _show_figures(figures: SurveyFigures) -> None:
 
 def _show(scene: SurveyScene, *, view: bool, save: Path | None, screenshot: Path | None) -> None:
     from feedopt_tools.views.picture import draw_survey_picture
-    from feedopt_tools.views.survey_recording import save_survey
-    from feedopt_tools.views.viewer import open_viewer
+    from feedopt_tools.views.rerun.survey_recording import save_survey
+    from feedopt_tools.views.rerun.viewer import open_viewer
 
     if screenshot is not None:
         picture = draw_survey_picture(scene, screenshot)

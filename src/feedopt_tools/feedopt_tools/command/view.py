@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import click
 
 from feedopt_core.errors import ConfigError
-from feedopt_tools.bags.errors import BagForeignError
-from feedopt_tools.bags.read_bag import read_bag
+from feedopt_recorder.bags.errors import BagForeignError
+from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_tools.command.exit_codes import FAILURE, OK
 from feedopt_tools.execute.execution import BAG_NAME
 from feedopt_tools.views.errors import ViewError
@@ -20,7 +20,7 @@ from feedopt_tools.views.pages import OVER, PAGES, page_named
 
 if TYPE_CHECKING:
     from feedopt_tools.views.picture import Picture
-    from feedopt_tools.views.scene import RunScene
+    from feedopt_tools.views.signals.scene import RunScene
 
 _RECORDING = "run.rrd"
 
@@ -91,7 +91,7 @@ def _bag(path: Path) -> Path:
 
 def _scene(bag: Path, program: int | None) -> RunScene:
     """What a bag has to show, also of one whose recorder was killed."""
-    from feedopt_tools.views.scene import scene_of
+    from feedopt_tools.views.signals.scene import scene_of
 
     if bag.suffix == ".rrd":
         raise ConfigError(f"{bag}: is a Rerun recording; give the bag it was made from")
@@ -104,8 +104,8 @@ def _scene(bag: Path, program: int | None) -> RunScene:
 
 
 def _draw(wish: _Wish, target: Path) -> tuple[Picture, ...]:
-    from feedopt_tools.views.comparison import compare
     from feedopt_tools.views.picture import draw_comparison_picture, draw_page, draw_pages
+    from feedopt_tools.views.signals.comparison import compare
 
     scenes = [_scene(bag, wish.program) for bag in wish.bags]
     into_folder = target.suffix.lower() != ".png"
@@ -129,9 +129,9 @@ def _recording(wish: _Wish, save: Path | None) -> Path:
     first = wish.bags[0]
     if first.suffix == ".rrd" and len(wish.bags) == 1:
         return first
-    from feedopt_tools.views.comparison import compare
-    from feedopt_tools.views.comparison_recording import save_comparison
-    from feedopt_tools.views.recording import save_scene
+    from feedopt_tools.views.rerun.comparison_recording import save_comparison
+    from feedopt_tools.views.rerun.recording import save_scene
+    from feedopt_tools.views.signals.comparison import compare
 
     scenes = [_scene(bag, wish.program) for bag in wish.bags]
     folder = first if first.is_dir() else first.parent
@@ -146,7 +146,7 @@ def _recording(wish: _Wish, save: Path | None) -> Path:
 
 
 def _show(recording: Path, *, web: bool) -> None:
-    from feedopt_tools.views.viewer import open_viewer, serve_web
+    from feedopt_tools.views.rerun.viewer import open_viewer, serve_web
 
     if not web:
         opened = open_viewer(recording)

@@ -32,7 +32,8 @@ class ProgramRequest:
     """One program to execute: a file, or its text with a name; tolerance 0: as in config/nodes/toolpath.yaml.
 
     ``streamed``: the toolpath node gets the lines of the file one after the other instead of its path.
-    ``transition_reach_mm``, ``transition_side``: see :meth:`feedopt_core.smoothing.layers.LayerTransitions.wished`.
+    ``transition_reach_mm``, ``transition_side``: see ``LayerTransitions.wished`` in
+    :mod:`feedopt_core.programs.layers.transitions`.
     """
 
     name: str

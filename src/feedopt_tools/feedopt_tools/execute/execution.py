@@ -10,16 +10,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 
-from feedopt_core.config.machine import load_machine, machine_path
 from feedopt_core.errors import FeedoptError
+from feedopt_core.machine.machine_file import load_machine, machine_path
 from feedopt_node.errors import SecondGraphError
 from feedopt_node.graph import ParameterValue, load_graph
 from feedopt_node.run import EXIT_SECOND_GRAPH
+from feedopt_recorder.provenance import collect_provenance, write_provenance
 from feedopt_tools.execute.client import GraphClient, ProgramOutcome, ProgramRequest, Progress
 from feedopt_tools.execute.domain_lock import DomainLock, domain_id
 from feedopt_tools.execute.errors import NodeDiedError
 from feedopt_tools.execute.processes import GraphProcesses
-from feedopt_tools.recorder.provenance import collect_provenance, write_provenance
 
 BAG_NAME = "recording"
 LOGS_NAME = "logs"

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.audit.report import AuditReport
 from feedopt_core.audit.setpoints import audit_setpoints
 from feedopt_core.errors import ConfigError
-from feedopt_tools.bags.check_bag import Finding, check_run
-from feedopt_tools.bags.run_data import TICK_S, RunData
-from feedopt_tools.views.signals import Quantity, signals_of
+from feedopt_core.motion.certificate import AuditReport
+from feedopt_recorder.bags.check_bag import Finding, check_run
+from feedopt_recorder.bags.run_data import TICK_S, RunData
+from feedopt_tools.views.signals.signals import Quantity, signals_of
 
 _RECORDER_SUMMARY = "recorder_summary.json"
 

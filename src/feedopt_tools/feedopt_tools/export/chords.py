@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.path.toolpath import Toolpath
+from feedopt_core.geometry.toolpath import Toolpath
 
 _SAMPLES_A_CHORD = 8
 _LEAST_PIECE_MM = 1e-6

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.path.segments import SegmentPlace
-from feedopt_core.toolpath.moves import LineMoves
-from feedopt_core.toolpath.program import Program, ProgramKind, read_moves
+from feedopt_core.geometry.segments import SegmentPlace
+from feedopt_core.pipeline.read_program import Program, ProgramKind, read_moves
+from feedopt_core.programs.moves import LineMoves
 from feedopt_tools.export.chords import chord_deviation_mm, chord_ends_mm
 from feedopt_tools.export.errors import ExportError
 from feedopt_tools.export.motion import Motion

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from feedopt_core.arrays import FloatArray, IntArray
-from feedopt_core.config.machine import Machine
-from feedopt_core.interpolation.setpoints import InterpolatorParameters
-from feedopt_core.path.segments import Segment
-from feedopt_core.path.toolpath import Toolpath
-from feedopt_core.plan import Plan
-from feedopt_tools.bags.run_data import RunData
+from feedopt_core.geometry.segments import Segment
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.machine_file import Machine
+from feedopt_core.motion.setpoints import InterpolatorParameters
+from feedopt_core.pipeline.plan_program import Plan
+from feedopt_recorder.bags.run_data import RunData
 from feedopt_tools.export.errors import ExportError
 
 _LEAST_STEP_MM = 1e-9

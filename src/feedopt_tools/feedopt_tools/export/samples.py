@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from feedopt_core.arrays import FloatArray, IntArray
-from feedopt_core.interpolation.setpoints import InterpolatorParameters
-from feedopt_tools.bags.run_data import RunData
+from feedopt_core.motion.setpoints import InterpolatorParameters
+from feedopt_recorder.bags.run_data import RunData
 from feedopt_tools.export.errors import ExportError
 from feedopt_tools.export.motion import Motion
 

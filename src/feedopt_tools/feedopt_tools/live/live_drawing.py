@@ -7,14 +7,14 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.config.machine import Machine
-from feedopt_core.feedrate.chunk import Chunk
-from feedopt_tools.bags.run_data import SetpointArrays, StateArrays, StatusRow
+from feedopt_core.machine.machine_file import Machine
+from feedopt_core.motion.chunk import Chunk
+from feedopt_recorder.bags.run_data import SetpointArrays, StateArrays, StatusRow
 from feedopt_tools.views.colours import FEED, axis_colour, feed_colours
-from feedopt_tools.views.curves import TIME, Curves, Times, along_time, entity
-from feedopt_tools.views.layout import GROUND
-from feedopt_tools.views.run_events import STATES
-from feedopt_tools.views.signals import speed_pieces, tool_from_axes
+from feedopt_tools.views.rerun.curves import TIME, Curves, Times, along_time, entity
+from feedopt_tools.views.rerun.layout import GROUND
+from feedopt_tools.views.signals.run_events import STATES
+from feedopt_tools.views.signals.signals import speed_pieces, tool_from_axes
 
 _PATH_PIECES = 2000
 _PATH_EVERY_TICKS = 8

@@ -17,10 +17,10 @@ from feedopt_node.graph import load_graph
 from feedopt_node.graph_node import interface_class
 from feedopt_node.polling import PolledGroup, take_all
 from feedopt_node.qos import qos_profile
-from feedopt_tools.bags.conversions import setpoints_from_topic, states_from_topic, status_from_message
-from feedopt_tools.bags.messages import TopicMessages
+from feedopt_recorder.bags.conversions import setpoints_from_topic, states_from_topic, status_from_message
+from feedopt_recorder.bags.messages import TopicMessages
+from feedopt_recorder.message_schemas import MessageSchemas, ament_share_directories
 from feedopt_tools.live.live_drawing import LiveDrawing
-from feedopt_tools.recorder.message_schemas import MessageSchemas, ament_share_directories
 
 NODE_NAME = "live_view"
 _SETPOINTS, _STATES = "/axis_setpoint", "/axis_state"

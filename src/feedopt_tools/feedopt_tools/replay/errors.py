@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from feedopt_tools.bags.errors import BagError
+from feedopt_recorder.bags.errors import BagError
 
 
 class ReplayInputError(BagError):

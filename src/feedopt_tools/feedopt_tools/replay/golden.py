@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from feedopt_tools.bags.messages import bag_files
+from feedopt_recorder.bags.messages import bag_files
 from feedopt_tools.replay.comparison import Tolerances
 from feedopt_tools.replay.errors import GoldenBagError
 

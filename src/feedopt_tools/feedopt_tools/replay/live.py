@@ -10,7 +10,7 @@ import yaml
 
 from feedopt_node.errors import SecondGraphError
 from feedopt_node.graph import load_graph
-from feedopt_tools.bags.check_bag import check_bag
+from feedopt_recorder.bags.check_bag import check_bag
 from feedopt_tools.execute.client import ProgramRequest
 from feedopt_tools.execute.domain_lock import DomainLock
 from feedopt_tools.execute.execution import RunEvents, RunOptions, execute_program

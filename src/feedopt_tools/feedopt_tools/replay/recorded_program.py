@@ -11,11 +11,11 @@ from typing import Any, TypeVar
 
 import yaml
 
-from feedopt_core.config.machine import Machine, load_machine
+from feedopt_core.machine.machine_file import Machine, load_machine
 from feedopt_node.parameters import parameters_from_mapping
-from feedopt_tools.bags.definitions import migrated, migration
-from feedopt_tools.bags.errors import BagEmptyError, BagForeignError
-from feedopt_tools.bags.messages import BagContents, TopicMessages, read_messages
+from feedopt_recorder.bags.definitions import migrated, migration
+from feedopt_recorder.bags.errors import BagEmptyError, BagForeignError
+from feedopt_recorder.bags.messages import BagContents, TopicMessages, read_messages
 from feedopt_tools.replay.columns import Columns, columns_of, columns_of_arrays
 from feedopt_tools.replay.errors import ReplayInputError
 

@@ -16,11 +16,11 @@ from typing import TypeAlias
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from feedopt_core.feedrate.chunk import Chunk
-from feedopt_core.feedrate.planner import PlannerParameters, StreamPlanner
-from feedopt_core.interpolation.setpoints import InterpolatorParameters, SetpointStream
-from feedopt_core.smoothing.layers import LayerTransitions
-from feedopt_core.toolpath.program import SUFFIXES, Program, read_program
+from feedopt_core.motion.chunk import Chunk
+from feedopt_core.motion.setpoints import InterpolatorParameters, SetpointStream
+from feedopt_core.pipeline.read_program import SUFFIXES, Program, read_program
+from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
+from feedopt_core.programs.layers.transitions import LayerTransitions
 from feedopt_interpolator.conversions import SetpointRows
 from feedopt_interpolator.setpoint_buffer import BLOCK_TICKS
 from feedopt_msgs.msg import AxisSetpoint, AxisState

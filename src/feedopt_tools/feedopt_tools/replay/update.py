@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from feedopt_core.errors import FeedoptError
-from feedopt_tools.bags.messages import bag_files
-from feedopt_tools.bags.read_bag import read_bag
-from feedopt_tools.bags.run_data import RunData
+from feedopt_recorder.bags.messages import bag_files
+from feedopt_recorder.bags.read_bag import read_bag
+from feedopt_recorder.bags.run_data import RunData
 from feedopt_tools.execute.client import ProgramRequest
 from feedopt_tools.execute.execution import RunOptions
 from feedopt_tools.replay.comparison import Tolerances

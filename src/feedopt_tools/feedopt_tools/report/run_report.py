@@ -11,18 +11,18 @@ import matplotlib as mpl
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.audit.report import ALLOWED_RATIO
 from feedopt_core.errors import ConfigError
-from feedopt_tools.bags.check_bag import check_run
+from feedopt_core.motion.certificate import ALLOWED_RATIO
+from feedopt_recorder.bags.check_bag import check_run
 from feedopt_tools.execute.judgement import Judgement, judge_run
 from feedopt_tools.report import html_parts as html
 from feedopt_tools.report.errors import ReportError
-from feedopt_tools.views.layout import pages_of
-from feedopt_tools.views.limit_use import path_weight_mm
-from feedopt_tools.views.matplotlib_picture import figure_of
-from feedopt_tools.views.matplotlib_style import STYLE, png_of
+from feedopt_tools.views.matplotlib.picture import figure_of
+from feedopt_tools.views.matplotlib.style import STYLE, png_of
 from feedopt_tools.views.pages import ACTIVE_LIMIT, AXIS_LIMITS, CONTOUR, EVENTS, MOTION, PLANNER, TRACKING, Page
-from feedopt_tools.views.scene import RunScene
+from feedopt_tools.views.rerun.layout import pages_of
+from feedopt_tools.views.signals.limit_use import path_weight_mm
+from feedopt_tools.views.signals.scene import RunScene
 
 _EVENTS = 60
 _TEXT_CHARACTERS = 60_000

@@ -7,20 +7,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from feedopt_tools.bags.run_data import RunData
-from feedopt_tools.views.comparison import Comparison
-from feedopt_tools.views.comparison_recording import save_comparison
+from feedopt_recorder.bags.run_data import RunData
 from feedopt_tools.views.errors import ViewError
-from feedopt_tools.views.layout import pages_of
-from feedopt_tools.views.matplotlib_comparison import draw_comparison_by_matplotlib
-from feedopt_tools.views.matplotlib_picture import draw_by_matplotlib
-from feedopt_tools.views.matplotlib_survey import draw_survey_by_matplotlib
+from feedopt_tools.views.matplotlib.comparison import draw_comparison_by_matplotlib
+from feedopt_tools.views.matplotlib.picture import draw_by_matplotlib
+from feedopt_tools.views.matplotlib.survey import draw_survey_by_matplotlib
 from feedopt_tools.views.pages import MOTION, Page
-from feedopt_tools.views.recording import save_scene
-from feedopt_tools.views.rerun_picture import Cursor, ViewFailure, draw_by_rerun
-from feedopt_tools.views.scene import RunScene, scene_of
-from feedopt_tools.views.survey_recording import OVER, save_survey
-from feedopt_tools.views.survey_scene import SurveyScene
+from feedopt_tools.views.rerun.comparison_recording import save_comparison
+from feedopt_tools.views.rerun.layout import pages_of
+from feedopt_tools.views.rerun.picture import Cursor, ViewFailure, draw_by_rerun
+from feedopt_tools.views.rerun.recording import save_scene
+from feedopt_tools.views.rerun.survey_recording import OVER, save_survey
+from feedopt_tools.views.signals.comparison import Comparison
+from feedopt_tools.views.signals.scene import RunScene, scene_of
+from feedopt_tools.views.signals.survey_scene import SurveyScene
 
 DRAWERS = ("any", "rerun", "matplotlib")
 # Where the cursor stands: far enough for the tool to be seen on its way.

@@ -1,0 +1,1 @@
+"""Curves and parameter maps that only benchmarks compare with."""

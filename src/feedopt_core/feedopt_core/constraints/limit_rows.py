@@ -1,0 +1,190 @@
+"""The limits at the points of a mesh, as the two-sided rows of the interior point.
+
+With A = g2 q + g1 q'/2 and W = g3 q + 3/2 g2 q' + 1/2 g1 q'' (both linear in the control points), divided by the limit
+in each case:
+
+    velocity      q <= q_limit
+    acceleration  A
+    jerk          sqrt(q) W
+    control       inertia A + viscous g1 sqrt(q), offset and friction moved into the limits
+    tracking      kv g1 sqrt(q) + ka A + kj sqrt(q) W
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from feedopt_core.arrays import FloatArray
+from feedopt_core.compiled import compiled
+from feedopt_core.constraints.axis_geometry import AxisGeometry, q_limit
+from feedopt_core.machine.limits import MotionLimits
+from feedopt_core.solver.interior_point_data import BEND, LINE, ROOT, ROW_SIZE, Rows
+
+_NO_DIRECTION = 1e-9
+"""Below this share of the path's motion an axis may move either way: friction counts against both sides."""
+_SAME = 1e-6
+"""Relative difference of numbers that say the same."""
+
+
+class _Recipe(NamedTuple):
+    """A limit of one axis: gains on A, sqrt(q) W and g1 sqrt(q), and the constant part, all divided by the limit."""
+
+    axis: int
+    acceleration: float = 0.0
+    jerk: float = 0.0
+    velocity: float = 0.0
+    offset: float = 0.0
+    friction: float = 0.0
+
+
+def limit_rows(
+    geometry: AxisGeometry,
+    limits: MotionLimits,
+    basis: tuple[FloatArray, FloatArray, FloatArray],
+    weights_mm: FloatArray,
+    scale: FloatArray,
+) -> Rows:
+    """Rows of all limits at p points of each of m spans: velocity first, then kind by kind, axis by axis.
+
+    Args:
+        geometry: at the points, shape (n_axes, p, m).
+        limits: of the machine.
+        basis: q, q', q'' of the local basis functions, shape (3, p, m) each.
+        weights_mm: quadrature weights, shape (p, m); a point without one has no limits either.
+        scale: factor on every limit at the points, shape (p, m), at most 1.
+    """
+    recipes = np.array(_recipes(limits)).reshape(-1, len(_Recipe._fields))
+    shape = (*weights_mm.T.shape, 1 + len(recipes))
+    coefficients, inverse_limits = np.empty((*shape, ROW_SIZE)), np.empty((*shape, 2))
+    inverse_bound = 1.0 / (q_limit(geometry, limits.kinematic) * scale**2)
+    factors = (weights_mm > 0.0) / scale
+    _fill(coefficients, inverse_limits, geometry.g1, geometry.g2, geometry.g3, inverse_bound, factors, recipes)
+    over_root = np.concatenate([[0.0], recipes[:, _Recipe._fields.index("jerk")] != 0.0])
+    local = np.ascontiguousarray(np.stack(basis).transpose(3, 2, 0, 1))
+    return Rows(local, np.ascontiguousarray(weights_mm.T), coefficients, inverse_limits, over_root)
+
+
+def _recipes(limits: MotionLimits) -> list[_Recipe]:
+    kinematic, control, tracking = limits.kinematic, limits.control, limits.tracking
+    axes = range(len(kinematic.axis_matrix))
+    acceleration = 1.0 / _lowest_of_alike(kinematic.acceleration_mm_s2, kinematic.axis_matrix)
+    jerk = 1.0 / _lowest_of_alike(kinematic.jerk_mm_s3, kinematic.axis_matrix)
+    recipes = [_Recipe(axis, acceleration=acceleration[axis]) for axis in axes if acceleration[axis] > 0.0]
+    if control is not None:
+        recipes += [
+            _Recipe(
+                axis,
+                acceleration=control.inertia_volts_s2_mm[axis] / control.limit_volts[axis],
+                velocity=control.viscous_volts_s_mm[axis] / control.limit_volts[axis],
+                offset=control.offset_volts[axis] / control.limit_volts[axis],
+                friction=control.coulomb_volts[axis] / control.limit_volts[axis],
+            )
+            for axis in axes
+        ]
+    recipes += [_Recipe(axis, jerk=jerk[axis]) for axis in axes if jerk[axis] > 0.0]
+    if tracking is not None:
+        recipes += [
+            _Recipe(
+                axis,
+                acceleration=tracking.ka_s2[axis] / tracking.limit_mm[axis],
+                jerk=tracking.kj_s3[axis] / tracking.limit_mm[axis],
+                velocity=tracking.kv_s[axis] / tracking.limit_mm[axis],
+            )
+            for axis in axes
+        ]
+    return recipes
+
+
+def _lowest_of_alike(limits: FloatArray, axis_matrix: FloatArray) -> FloatArray:
+    """Limits of the axes, infinite where another axis makes the same motion under a lower or the same one, (n_axes,).
+
+    So it is with the two drives of a gantry.
+    """
+    lowest = limits.copy()
+    for axis, row in enumerate(axis_matrix):
+        alike = np.flatnonzero(np.all(axis_matrix == row, axis=1))
+        if axis != alike[np.argmin(limits[alike])]:
+            lowest[axis] = np.inf
+    return lowest
+
+
+@compiled
+def _fill(
+    coefficients: FloatArray,
+    inverse_limits: FloatArray,
+    g1: FloatArray,
+    g2: FloatArray,
+    g3: FloatArray,
+    inverse_bound: FloatArray,
+    factors: FloatArray,
+    recipes: FloatArray,
+) -> None:
+    """Rows at all points.
+
+    Args:
+        coefficients, inverse_limits: of :class:`Rows`, filled.
+        g1, g2, g3: geometry, shape (n_axes, p, m).
+        inverse_bound: one over the largest q, shape (p, m).
+        factors: one over the factor on the limits, 0 at points without limits, shape (p, m).
+        recipes: shape (n - 1, 6), see ``_Recipe``.
+    """
+    coefficients[:], inverse_limits[:] = 0.0, 0.0
+    points, spans = factors.shape
+    for k in range(spans):
+        for p in range(points):
+            factor = factors[p, k]
+            if factor == 0.0:
+                continue
+            coefficients[k, p, 0, LINE], inverse_limits[k, p, 0, 0] = inverse_bound[p, k], 1.0
+            for i in range(len(recipes)):
+                axis = int(recipes[i, 0])
+                d1, d2, d3 = g1[axis, p, k], g2[axis, p, k], g3[axis, p, k]
+                if d1 == 0.0 and d2 == 0.0 and d3 == 0.0:
+                    # A limit of an axis that stands still says nothing.
+                    continue
+                on_a, on_j, on_v = recipes[i, 1] * factor, recipes[i, 2] * factor, recipes[i, 3] * factor
+                offset, friction = recipes[i, 4] * factor, recipes[i, 5] * factor
+                row, inverse = coefficients[k, p, i + 1], inverse_limits[k, p, i + 1]
+                row[LINE], row[LINE + 1] = on_a * d2, 0.5 * on_a * d1
+                row[BEND], row[BEND + 1], row[BEND + 2] = on_j * d3, 1.5 * on_j * d2, 0.5 * on_j * d1
+                row[ROOT] = on_v * d1
+                # An axis that hardly moves may do so in either direction between the points.
+                both = abs(d1) < _NO_DIRECTION
+                forwards = friction if both else np.sign(d1) * friction
+                backwards = friction if both else -forwards
+                inverse[0], inverse[1] = 1.0 / (1.0 - offset - forwards), 1.0 / (1.0 + offset - backwards)
+
+
+def release_start_state(rows: Rows) -> None:
+    """Take the rows without q'' off the very start: a given state there cannot be chosen any more."""
+    given = ~np.any(rows.coefficients[0, 0, :, BEND : BEND + 3], axis=-1)
+    rows.inverse_limits[0, 0, given] = 0.0
+
+
+def drop_repeated(rows: Rows) -> None:
+    """Take off the ends of spans what the starts of the next ones say as well: rows without q'' where nothing jumps."""
+    _drop_repeated(rows.coefficients, rows.inverse_limits, rows.over_root)
+
+
+@compiled
+def _drop_repeated(coefficients: FloatArray, inverse_limits: FloatArray, over_root: FloatArray) -> None:
+    last = coefficients.shape[1] - 1
+    for k in range(len(coefficients) - 1):
+        for i in range(len(over_root)):
+            if over_root[i] > 0.0:
+                continue
+            # q and q' are continuous: what is left of such a row are its factors of q, q' and sqrt(q), and its limits.
+            end, start = coefficients[k, last, i], coefficients[k + 1, 0, i]
+            same = _close(end[LINE], start[LINE]) and _close(end[LINE + 1], start[LINE + 1])
+            same = same and _close(end[ROOT], start[ROOT])
+            for side in range(2):
+                same = same and _close(inverse_limits[k, last, i, side], inverse_limits[k + 1, 0, i, side])
+            if same:
+                inverse_limits[k, last, i] = 0.0
+
+
+@compiled
+def _close(a: float, b: float) -> bool:
+    return abs(a - b) <= _SAME * abs(b)

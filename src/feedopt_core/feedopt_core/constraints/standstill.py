@@ -1,0 +1,165 @@
+"""The element of constant jerk that leaves or reaches rest, s = J t^3 / 6: its length and the largest jerk it may have.
+
+With x the distance from rest and q = p x^(4/3), p = (9 J / 2)^(2/3), an axis has (sign: +1 leaving, -1 reaching rest)
+
+    velocity      p^(1/2) g1 x^(2/3)
+    acceleration  p (g2 x^(4/3) + sign 2/3 g1 x^(1/3))
+    jerk          p^(3/2) (g3 x^2 + sign 2 g2 x + 2/9 g1)
+
+so every limit on the element is an upper bound of p alone: nothing is linearised, and true rest (q = 0) is on the
+path. Control signal and tracking error are polynomials of degree 2 and 3 in p^(1/2): their first crossing counts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feedopt_core.arrays import FloatArray
+from feedopt_core.compiled import compiled
+from feedopt_core.constraints.axis_geometry import AxisGeometry, axis_geometry, q_limit
+from feedopt_core.errors import InfeasibleLimitsError
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.limits import KinematicLimits, MotionLimits
+
+_FRACTION = 0.3
+_INSIDE_MM = 1e-9
+_LEAST_MM = 1e-6
+"""Least length of the element at rest: shorter ones would drown in the rounding of arc lengths."""
+_SAMPLES = np.concatenate([[1e-15, 1e-4], np.linspace(0.02, 1.0 - 1e-7, 15)])
+"""Places on the element; the last is a hair inside: the path may have a joint at its end."""
+_STEP, _FAR = 0.05, 8.0
+"""Step and end, in safe scales, of the search for the first crossing of a polynomial limit."""
+_BISECTIONS = 40
+_UNLIMITED = 1e6
+"""Scale p^(1/2) that no limit of feed allows: an axis that does not move limits nothing."""
+
+
+def rest_length_mm(toolpath: Toolpath, limits: KinematicLimits, s_rest_mm: float, sign: int) -> float:
+    """Length of the element next to rest: a part of the distance in which the jerk builds up the acceleration.
+
+    Args:
+        toolpath: holds the point of rest.
+        limits: finite ones, derived from those of the drives where the machine gives none.
+        s_rest_mm: arc length of the point of rest.
+        sign: +1 where the element leaves rest, -1 where it reaches rest.
+    """
+    # A hair inside the element: at an exact stop the direction of the path may jump.
+    geometry = axis_geometry(toolpath, limits.axis_matrix, np.array([s_rest_mm + sign * _INSIDE_MM]))
+    with np.errstate(divide="ignore"):
+        jerk = float(np.min(limits.jerk_mm_s3 / np.abs(geometry.g1[:, 0])))
+        acceleration = float(np.min(limits.acceleration_mm_s2 / np.abs(geometry.g1[:, 0])))
+    return max(_FRACTION * acceleration**3 / (6.0 * jerk**2), _LEAST_MM)
+
+
+def rest_scale_limit(
+    toolpath: Toolpath, limits: MotionLimits, s_rest_mm: float, length_mm: float, sign: int, scale: float
+) -> float:
+    """Largest p = (9 J / 2)^(2/3) of the element of given length next to rest.
+
+    Args:
+        toolpath: holds the element.
+        limits: of the axes and the feed.
+        s_rest_mm: arc length of the point of rest.
+        length_mm: length of the element.
+        sign: +1 where it leaves rest, -1 where it reaches rest.
+        scale: factor on every limit.
+
+    Raises:
+        InfeasibleLimitsError: friction alone needs more than the control signal allowed.
+    """
+    x = length_mm * _SAMPLES
+    kinematic = limits.kinematic
+    geometry = axis_geometry(toolpath, kinematic.axis_matrix, s_rest_mm + sign * x)
+    root = np.cbrt(x)
+    acceleration = geometry.g2 * root**4 + sign * 2.0 / 3.0 * geometry.g1 * root
+    jerk = geometry.g3 * x**2 + sign * 2.0 * geometry.g2 * x + 2.0 / 9.0 * geometry.g1
+    bounds: list[FloatArray] = [
+        q_limit(geometry, kinematic) * scale**2 / root**4,
+        scale * kinematic.acceleration_mm_s2[:, None] / np.maximum(np.abs(acceleration), 1e-300),
+        (scale * kinematic.jerk_mm_s3[:, None] / np.maximum(np.abs(jerk), 1e-300)) ** (2.0 / 3.0),
+    ]
+    velocity = geometry.g1 * root**2
+    if limits.control is not None:
+        bounds.append(_control_bounds(limits, geometry, velocity, acceleration, s_rest_mm, scale))
+    if limits.tracking is not None:
+        tracking = limits.tracking
+        terms = (
+            tracking.kv_s[:, None] * velocity,
+            tracking.ka_s2[:, None] * acceleration,
+            tracking.kj_s3[:, None] * jerk,
+        )
+        allowed = np.broadcast_to(scale * tracking.limit_mm[:, None], velocity.shape)
+        bounds.append(_first_crossing(terms, allowed, allowed) ** 2)
+    return float(min(np.min(bound) for bound in bounds))
+
+
+def _control_bounds(
+    limits: MotionLimits,
+    geometry: AxisGeometry,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    s_rest_mm: float,
+    scale: float,
+) -> FloatArray:
+    """Bounds of p from the control signal, shape (n_axes, n)."""
+    control = limits.control
+    assert control is not None
+    constant = control.offset_volts[:, None] + control.coulomb_volts[:, None] * np.sign(geometry.g1)
+    allowed = scale * control.limit_volts[:, None]
+    needed = np.abs(constant) / allowed
+    if np.max(needed) >= 1.0:
+        axis = int(np.argmax(np.max(needed, axis=1)))
+        margin = float(np.max(needed))
+        raise InfeasibleLimitsError(
+            f"axis {limits.axis_names[axis]} at s = {s_rest_mm:.3f} mm: friction and offset alone need {margin:.3f} "
+            "times the control signal allowed; raise control_limit_volts",
+            quantity="control",
+            axis=limits.axis_names[axis],
+            s_mm=s_rest_mm,
+            margin=margin,
+        )
+    terms = (control.viscous_volts_s_mm[:, None] * velocity, control.inertia_volts_s2_mm[:, None] * acceleration)
+    return _first_crossing(terms, allowed - constant, allowed + constant) ** 2
+
+
+def _first_crossing(terms: tuple[FloatArray, ...], up: FloatArray, down: FloatArray) -> FloatArray:
+    """Least y > 0 where ``terms[0] y + terms[1] y^2 + ...`` leaves (-down, up); shape of the terms."""
+    flat = np.stack([term.ravel() for term in terms])
+    bounds = np.stack([np.broadcast_to(bound, terms[0].shape).ravel() for bound in (up, down)])
+    return _crossings(flat, bounds).reshape(terms[0].shape)
+
+
+@compiled
+def _within(terms: FloatArray, bounds: FloatArray, n: int, y: float) -> bool:
+    total = 0.0
+    for power in range(len(terms) - 1, -1, -1):
+        total = (total + terms[power, n]) * y
+    return bool(-bounds[1, n] < total < bounds[0, n])
+
+
+@compiled
+def _crossings(terms: FloatArray, bounds: FloatArray) -> FloatArray:
+    """First crossings of n polynomials, shape (n,): terms of shape (degree, n), bounds upwards and downwards (2, n)."""
+    degree, count = terms.shape
+    found = np.empty(count)
+    for n in range(count):
+        # Each term alone within its share of the limit is safe, and so is the sum.
+        share, safe = min(bounds[0, n], bounds[1, n]) / degree, _UNLIMITED
+        for power in range(degree):
+            if terms[power, n] != 0.0:
+                safe = min(safe, (share / abs(terms[power, n])) ** (1.0 / (power + 1)))
+        low = high = safe
+        step = _STEP * safe
+        while high < _FAR * safe:
+            high += step
+            if not _within(terms, bounds, n, high):
+                break
+            low = high
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            if _within(terms, bounds, n, middle):
+                low = middle
+            else:
+                high = middle
+        found[n] = low
+    return found

@@ -1,0 +1,122 @@
+"""How much of each limit a feed profile uses, span by span, on a grid finer than the optimisation's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feedopt_core.arrays import FloatArray
+from feedopt_core.compiled import compiled
+from feedopt_core.constraints.axis_geometry import ONE_SIDED_MM, AxisGeometry, axis_geometry
+from feedopt_core.geometry.sampling import samples_between
+from feedopt_core.geometry.toolpath import Toolpath
+from feedopt_core.machine.limits import MotionLimits
+from feedopt_core.motion.profile import FeedProfile
+
+_LEAST_SAMPLES = 25
+
+
+class FineGrid:
+    """Places between knots at which limits are looked up, with the geometry of the axes there.
+
+    Args:
+        toolpath: holds the knots.
+        axis_matrix: axis map.
+        s_mm: increasing knots, shape (m + 1,).
+    """
+
+    def __init__(self, toolpath: Toolpath, axis_matrix: FloatArray, s_mm: FloatArray) -> None:
+        self._samples = samples_between(toolpath, s_mm, _LEAST_SAMPLES)
+        owner, widths = self._samples.owner, np.diff(s_mm)[self._samples.owner]
+        inset = np.minimum(ONE_SIDED_MM, 1e-3 * widths)
+        self._x_mm = inset + self._samples.z * (widths - 2.0 * inset)
+        self._geometry = axis_geometry(toolpath, axis_matrix, s_mm[owner] + self._x_mm)
+
+    def limit_ratios(self, limits: MotionLimits, profile: FeedProfile) -> FloatArray:
+        """Largest ratio of any quantity to its limit on each element, shape (m,).
+
+        Args:
+            limits: of the axes and the feed.
+            profile: QUADRATIC elements on the knots of the grid only.
+        """
+        e, x = self._samples.owner, self._x_mm
+        bend = profile.d2q_ds2_per_s2[e]
+        slope = profile.dq_ds_mm_s2[e] + bend * x
+        q = profile.q_mm2_s2[e] + (profile.dq_ds_mm_s2[e] + 0.5 * bend * x) * x
+        ratios = largest_ratios(limits, self._geometry, q, slope, bend)
+        return np.asarray(np.maximum.reduceat(ratios, self._samples.first))
+
+
+def limit_ratios(toolpath: Toolpath, limits: MotionLimits, profile: FeedProfile) -> FloatArray:
+    """See :meth:`FineGrid.limit_ratios`, on a grid of its own."""
+    return FineGrid(toolpath, limits.kinematic.axis_matrix, profile.s_mm).limit_ratios(limits, profile)
+
+
+def largest_ratios(
+    limits: MotionLimits, geometry: AxisGeometry, q: FloatArray, slope: FloatArray, bend: FloatArray
+) -> FloatArray:
+    """Largest ratio of any quantity to its limit at n points, shape (n,), from q, dq/ds and d2q/ds2 there."""
+    kinematic, none = limits.kinematic, np.zeros(len(limits.axis_names))
+    control, tracking = limits.control, limits.tracking
+    models = np.array(
+        [
+            1.0 / kinematic.velocity_mm_s,
+            1.0 / kinematic.acceleration_mm_s2,
+            1.0 / kinematic.jerk_mm_s3,
+            *(
+                [none] * 4
+                if control is None
+                else np.stack(
+                    [
+                        control.inertia_volts_s2_mm,
+                        control.viscous_volts_s_mm,
+                        control.offset_volts,
+                        control.coulomb_volts,
+                    ]
+                )
+                / control.limit_volts
+            ),
+            *(
+                [none] * 3
+                if tracking is None
+                else np.stack([tracking.ka_s2, tracking.kv_s, tracking.kj_s3]) / tracking.limit_mm
+            ),
+        ]
+    )
+    feed = np.minimum(geometry.feed_limit_mm_s, kinematic.feed_mm_s)
+    return _ratios(geometry.g1, geometry.g2, geometry.g3, 1.0 / feed, q, slope, bend, models)
+
+
+@compiled
+def _ratios(
+    g1: FloatArray,
+    g2: FloatArray,
+    g3: FloatArray,
+    inverse_feed: FloatArray,
+    q: FloatArray,
+    slope: FloatArray,
+    bend: FloatArray,
+    models: FloatArray,
+) -> FloatArray:
+    """Largest ratios, shape (n,).
+
+    Args:
+        g1, g2, g3: geometry of the axes, shape (n_axes, n).
+        inverse_feed: of the feed limits, shape (n,).
+        q, slope, bend: profile, shape (n,).
+        models: by their limits, shape (10, n_axes): 1 by those of velocity, acceleration and jerk; inertia, viscous,
+            offset and coulomb; ka, kv, kj.
+    """
+    ratios = np.empty(len(q))
+    for n in range(len(q)):
+        root = np.sqrt(q[n])
+        worst = root * inverse_feed[n]
+        for axis in range(len(g1)):
+            v = g1[axis, n] * root
+            a = g2[axis, n] * q[n] + 0.5 * g1[axis, n] * slope[n]
+            j = root * (g3[axis, n] * q[n] + 1.5 * g2[axis, n] * slope[n] + 0.5 * g1[axis, n] * bend[n])
+            control = models[3, axis] * a + models[4, axis] * v + models[5, axis] + models[6, axis] * np.sign(v)
+            error = models[7, axis] * a + models[8, axis] * v + models[9, axis] * j
+            kinematic = max(abs(v) * models[0, axis], abs(a) * models[1, axis], abs(j) * models[2, axis])
+            worst = max(worst, kinematic, abs(control), abs(error))
+        ratios[n] = worst
+    return ratios

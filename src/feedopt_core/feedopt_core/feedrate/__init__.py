@@ -1,1 +1,0 @@
-"""Planning the feed profile q(s) = feedrate squared."""

@@ -1,1 +1,0 @@
-"""From feed profile and toolpath to set points in time."""

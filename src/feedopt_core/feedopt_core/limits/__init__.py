@@ -1,1 +1,0 @@
-"""Axis limits along the path."""

@@ -1,0 +1,1 @@
+"""Motion along the path in time: feed profile, chunk, certificate, set points."""

@@ -1,0 +1,1 @@
+"""Program in, set points out: reading, planning and surveying a whole program."""

@@ -1,0 +1,1 @@
+"""Planning the feed profile window by window, with the planning methods behind one interface."""

@@ -1,0 +1,1 @@
+"""The method ``thesis``: CasADi, sequential quadratic programming on OSQP, and IPOPT."""

@@ -1,0 +1,1 @@
+"""Reading programs into moves: G-code, points, NURBS and DXF."""

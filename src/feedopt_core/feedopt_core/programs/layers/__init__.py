@@ -1,0 +1,1 @@
+"""Smooth transitions between the layers of a program."""

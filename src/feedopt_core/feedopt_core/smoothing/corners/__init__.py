@@ -1,0 +1,1 @@
+"""Joints between two sides: Euler spirals, blends, and what they replace."""

@@ -1,0 +1,1 @@
+"""Runs of short moves as one smooth spline within the tolerance."""

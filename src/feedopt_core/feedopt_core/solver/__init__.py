@@ -1,0 +1,1 @@
+"""The banded interior point that the time-optimal methods share."""

@@ -1,0 +1,274 @@
+"""Primal-dual interior point for minimum-time feed profiles on a quadratic B-spline.
+
+The unknowns are the control points c of q(s) = feedrate^2; on span k only ``c[k], c[k+1], c[k+2]`` count. Every
+inequality stands in one span, so the normal matrix is pentadiagonal and one iteration costs time linear in the number
+of spans.
+
+    minimise    sum over quadrature points of weight / sqrt(q)          (the motion time; convex)
+    subject to  two-sided rows at every point, see ``interior_point_kernel``
+
+Rows are linearised anew in every iteration, with exact residuals. The normal matrix holds their exact curvature; where
+that makes it indefinite, their convex part. Mehrotra's predictor and corrector (Wright, Primal-Dual Interior-Point
+Methods, ch. 10) with infeasible start. The problem is not convex: the result is a stationary point.
+
+Few rows come near their limits. So all count until the duality gap is small, then only those near theirs. What that
+finds must obey the others too; else all count around those that it exceeds, and it goes on from where the gap was
+small. An optimum on a part of the rows that obeys all of them is one on all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from feedopt_core.arrays import BoolArray, FloatArray, IntArray
+from feedopt_core.errors import SolverError
+from feedopt_core.solver.interior_point_data import (
+    DUAL,
+    SIDE_SIZE,
+    SLACK,
+    Ends,
+    Iterate,
+    PackedRows,
+    Rows,
+    Settings,
+    System,
+)
+from feedopt_core.solver.interior_point_kernel import (
+    CONVERGED,
+    DIVERGED,
+    INDEFINITE,
+    OUT_OF_ITERATIONS,
+    expand,
+    iterate,
+)
+from feedopt_core.solver.packed_rows import packed, part, rooms
+
+_FIRST_GAP = 0.6
+"""Duality gap of the first iterate, as a part of its motion time."""
+_LEAST_SLACK = 0.5
+"""Least slack of the first iterate."""
+_RESTART_GAP = 0.02
+"""Duality gap from which on few rows count; the iterate still has the room for limits that are lowered a little."""
+_NEAR = 0.7
+"""Room of a row, as a part of its limit, up to which it counts at that gap."""
+_AT_A_LIMIT = 0.03
+"""Room of a row at a limit, at that gap."""
+_AROUND = 8
+"""So many spans on either side of one where others are exceeded count with all their rows."""
+_SELECTIONS = 5
+"""So many selections of rows are tried, then all count."""
+_RESTART_SPREAD = 10.0
+"""Largest ratio of a product of slack and multiplier to their mean at a restart."""
+_GOOD_ENOUGH, _USABLE = 1e-3, 0.1
+"""Duality gap and dual residual of a feasible iterate that is taken when the iterations run out, the latter by a
+cautious solve: a feasible plan that is a little slow is better than a stop."""
+_FAILURES = {
+    OUT_OF_ITERATIONS: "no convergence",
+    DIVERGED: "the iterations diverged or stalled",
+    INDEFINITE: "the normal matrix lost its definiteness",
+}
+
+
+@dataclass(frozen=True)
+class FixedStart:
+    """The profile continues from a given state: the first two control points are known."""
+
+    first: float
+    second: float
+
+
+@dataclass(frozen=True)
+class RestEnd:
+    """The profile meets an element of constant jerk from or to rest: the outer control point is ``inner / ratio``.
+
+    Attributes:
+        ratio: inner over outer control point, above 1.
+        outer_limit: upper bound of the outer control point, mm^2/s^2 (the limits of the element).
+    """
+
+    ratio: float
+    outer_limit: float
+
+
+@dataclass(frozen=True)
+class TimeProblem:
+    """Minimum motion time over m spans: rows with the quadrature of the objective, and the states at both ends."""
+
+    rows: Rows
+    start: FixedStart | RestEnd
+    end: RestEnd
+
+
+@dataclass(frozen=True)
+class Restart:
+    """An iterate on the way to a solution, for problems that differ from that one in lower limits only.
+
+    Attributes:
+        c: control points, shape (m + 2,).
+        index: places of its rows among those of all points, increasing, shape (n,).
+        sides: their slacks and multipliers, shape (n, 2, 2).
+        ends: of the limits of the outer control points, shape (2, 2).
+    """
+
+    c: FloatArray
+    index: IntArray
+    sides: FloatArray
+    ends: FloatArray
+
+
+@dataclass(frozen=True)
+class TimeSolution:
+    """Control points, shape (m + 2,), with the figures of the solve."""
+
+    control_points: FloatArray
+    iterations: int
+    row_count: int
+    restart: Restart
+
+
+def minimise_time(
+    problem: TimeProblem,
+    initial: FloatArray | Restart,
+    *,
+    cautious: bool = False,
+    tolerance: float = 1e-5,
+    feasibility: float = 1e-8,
+    max_iterations: int = 60,
+) -> TimeSolution:
+    """Minimise the motion time.
+
+    Args:
+        problem: objective, inequalities and end states.
+        initial: control points with q > 0 at every quadrature point, shape (m + 2,), need not be feasible; or where
+            to restart from.
+        cautious: take the convex part of the curvature and shorter steps in every iteration.
+        tolerance: relative duality gap and dual residual to reach.
+        feasibility: largest violation of a row to leave.
+        max_iterations: then a feasible iterate close to the optimum is taken too (less close when cautious).
+
+    Raises:
+        SolverError: no convergence; the limits may be infeasible. The message holds the residuals.
+    """
+    return _InteriorPoint(problem, initial).solve(Settings(cautious, tolerance, feasibility, max_iterations))
+
+
+class _Found(NamedTuple):
+    """How a run of iterations ended; see ``interior_point_kernel.iterate``."""
+
+    end: int
+    iterations: int = 0
+    gap: float = 0.0
+    dual: float = 0.0
+    excess: float = 0.0
+
+
+class _InteriorPoint:
+    """One problem, its rows packed, and the iterate that it starts from."""
+
+    def __init__(self, problem: TimeProblem, initial: FloatArray | Restart) -> None:
+        start, end = problem.start, problem.end
+        c = (initial.c if isinstance(initial, Restart) else initial).copy()
+        if isinstance(start, FixedStart):
+            c[:2] = start.first, start.second
+            self.ends = Ends(0.0, end.ratio, 0.0, 1.0 / end.outer_limit)
+        else:
+            self.ends = Ends(start.ratio, end.ratio, 1.0 / start.outer_limit, 1.0 / end.outer_limit)
+        expand(self.ends, c)
+        self.rows, self.index = packed(problem.rows)
+        self.system = System(*(np.empty(len(c)) for _ in range(3)), *(np.empty((len(c), 3)) for _ in range(2)))
+        self.size = self._size(self.rows)
+        self.room = np.empty(self.rows.inverse_limits.shape)
+        time = rooms(self.rows, c, self.room)
+        end_room = np.array([1.0 - self.ends.start_inverse_limit * c[0], 1.0 - self.ends.end_inverse_limit * c[-1]])
+        self.restarted = isinstance(initial, Restart)
+        if isinstance(initial, Restart):
+            barrier = _RESTART_GAP * time / self.size
+            sides = _centred(self._known(initial), self.room, barrier)
+            ends = _centred(initial.ends, end_room, barrier)
+        else:
+            barrier = _FIRST_GAP * time / self.size
+            sides, ends = _first(self.room, barrier), _first(end_room, barrier)
+        self.start = Restart(c, self.index, sides, ends)
+
+    def _size(self, rows: PackedRows) -> int:
+        end_limits = (self.ends.start_inverse_limit > 0.0) + (self.ends.end_inverse_limit > 0.0)
+        return int(np.count_nonzero(rows.inverse_limits)) + end_limits
+
+    def _known(self, restart: Restart) -> FloatArray:
+        """Slacks and multipliers of a restart on the rows of this problem; none where it had no such row."""
+        place = np.minimum(np.searchsorted(restart.index, self.index), len(restart.index) - 1)
+        same = restart.index[place] == self.index
+        return np.where(same[:, None, None], restart.sides[place], [_LEAST_SLACK, 0.0])
+
+    def solve(self, settings: Settings) -> TimeSolution:
+        """See :func:`minimise_time`."""
+        found, restart = _Found(CONVERGED), self.start
+        if not self.restarted:
+            coarse = settings._replace(tolerance=_RESTART_GAP, feasibility=_RESTART_GAP)
+            found, restart = self._iterate(restart, None, coarse)
+        iterations, last = found.iterations, restart
+        if found.end == CONVERGED:
+            found, last, refining = self._refine(restart, settings)
+            iterations += refining
+        close = _USABLE if settings.cautious else _GOOD_ENOUGH
+        good_enough = found.end == OUT_OF_ITERATIONS and found.excess < settings.feasibility
+        if found.end == CONVERGED or (good_enough and max(found.gap, found.dual) < close):
+            return TimeSolution(last.c, iterations, self.size, restart)
+        raise SolverError(
+            f"{_FAILURES[found.end]} after {iterations} iterations over {len(last.c)} control points: "
+            f"gap {found.gap:.1e}, dual residual {found.dual:.1e}, limits exceeded by {found.excess:.1e}"
+        )
+
+    def _refine(self, start: Restart, settings: Settings) -> tuple[_Found, Restart, int]:
+        """Iterate on the rows near their limits until none of the others is exceeded, else on all; all iterations."""
+        iterations, first_of_spans = 0, self.rows.first[:, 0]
+        slack = np.min(start.sides[..., SLACK], axis=1, where=self.rows.inverse_limits != 0.0, initial=np.inf)
+        # The fastest motion is at some limit everywhere. Where it is close to none yet, any may turn out to be the one.
+        near = (slack < _NEAR) | self._of_spans(np.minimum.reduceat(slack, first_of_spans) > _AT_A_LIMIT)
+        for _ in range(_SELECTIONS):
+            found, last = self._iterate(start, near, settings)
+            iterations += found.iterations
+            if found.end != CONVERGED:
+                break
+            rooms(self.rows, last.c, self.room)
+            exceeded = ~near & (np.min(self.room, axis=1) < -settings.feasibility)
+            if not np.any(exceeded):
+                return found, last, iterations
+            spans = np.logical_or.reduceat(exceeded, first_of_spans)
+            near |= self._of_spans(np.convolve(spans, np.ones(2 * _AROUND + 1))[_AROUND:-_AROUND] > 0.0)
+        found, last = self._iterate(start, None, settings)
+        return found, last, iterations + found.iterations
+
+    def _of_spans(self, spans: BoolArray) -> BoolArray:
+        """Rows of some spans, shape (m,) to (n,)."""
+        return np.repeat(spans, np.sum(self.rows.counts, axis=1))
+
+    def _iterate(self, start: Restart, kept: BoolArray | None, settings: Settings) -> tuple[_Found, Restart]:
+        """Iterate on some rows, shape (n,), or on all; the last iterate holds those only."""
+        rows, index, known = self.rows, self.index, start.sides
+        if kept is not None:
+            rows, index, known = part(rows, kept), index[kept], known[kept]
+        at = Iterate(
+            start.c.copy(), np.zeros((len(index), 2, SIDE_SIZE)), np.empty((len(index), 2)), np.zeros((2, SIDE_SIZE))
+        )
+        at.sides[..., : DUAL + 1], at.ends[:, : DUAL + 1] = known, start.ends
+        size = self._size(rows)
+        found = _Found(*iterate(rows, self.ends, at, self.system, size, size / self.size, settings))
+        last = Restart(at.c, index, at.sides[..., : DUAL + 1].copy(), at.ends[:, : DUAL + 1].copy())
+        return found, last
+
+
+def _first(room: FloatArray, barrier: float) -> FloatArray:
+    """Slacks and multipliers of a first iterate, shape (..., 2), from the room there is, shape (...)."""
+    slack = np.maximum(room, _LEAST_SLACK)
+    return np.stack([slack, barrier / slack], axis=-1)
+
+
+def _centred(known: FloatArray, room: FloatArray, barrier: float) -> FloatArray:
+    """The slacks raised to the room there is, the multipliers kept close to what belongs to them; shape (..., 2)."""
+    slack = np.maximum(known[..., SLACK], room)
+    mean = barrier / slack
+    return np.stack([slack, np.clip(known[..., DUAL], mean / _RESTART_SPREAD, mean * _RESTART_SPREAD)], axis=-1)

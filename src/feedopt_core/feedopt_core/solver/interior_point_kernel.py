@@ -1,0 +1,463 @@
+"""The passes of the interior point over spans, points, rows and sides, compiled.
+
+At every point of every span stand n two-sided rows, functions of q, q' and q'' there. With x = (q, q', q'') and
+D = linear + sqrt(q) bend,
+
+    y = linear x + sqrt(q) (root + bend x),    -limit_down <= y <= limit_up
+
+A side is linearised as ``sigma D + beta (1, 0, 0)`` with its residual exact, so its factor of q, a sign and two numbers
+a row are all that the normal matrix needs. Sums of a point are taken by x and turned to control points once. Rows with
+a bend are divided by sqrt(q) before they are linearised: y / sqrt(q) is linear in q'', and its right side
+limit / sqrt(q) is convex, so that the linearisation lies inside the limit.
+
+Everything is written out in scalars, and what belongs together lies together in memory: that is what makes it fast. It
+all stands in one module because numba looks at no other one to find out whether its code on disk is still good.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feedopt_core.arrays import FloatArray
+from feedopt_core.compiled import compiled
+from feedopt_core.solver.interior_point_data import Ends, Iterate, PackedRows, Settings, System
+
+CONVERGED, OUT_OF_ITERATIONS, DIVERGED, INDEFINITE = 0, 1, 2, 3
+"""How the iterations ended."""
+_STEP_TO_BOUNDARY, _CAUTIOUS_STEP_TO_BOUNDARY = 0.995, 0.9
+_Q_STEP_TO_ZERO = 0.9
+_DIVERGED = 1e8
+"""Dual residual at which no solution is to be hoped for."""
+_SHORT, _RECENTRE = 0.2, 0.5
+"""After a step shorter than this the next one aims at this part of the gap, without second-order terms."""
+_STALLED, _MOST_STALLS = 1e-3, 8
+"""So many primal steps in a row shorter than this lead nowhere."""
+_CENTRALITY = 0.5
+"""Least duality gap of all sides to aim at, as a part of the dual residual: a gap far below it makes short steps."""
+
+
+@compiled
+def _restrict(ends: Ends, vector: FloatArray) -> None:
+    """Gradient by the free control points, in place; the others become zero."""
+    last = len(vector) - 1
+    if ends.start_ratio > 0.0:
+        vector[1] += vector[0] / ends.start_ratio
+    else:
+        vector[1] = 0.0
+    vector[last - 1] += vector[last] / ends.end_ratio
+    vector[0] = vector[last] = 0.0
+
+
+@compiled
+def expand(ends: Ends, c: FloatArray) -> None:
+    """End control points from the free ones, in place."""
+    last = len(c) - 1
+    if ends.start_ratio > 0.0:
+        c[0] = c[1] / ends.start_ratio
+    c[last] = c[last - 1] / ends.end_ratio
+
+
+@compiled
+def _restrict_band(ends: Ends, band: FloatArray) -> None:
+    """Normal matrix by the free control points, in place; the others get a unit diagonal."""
+    last = len(band) - 1
+    if ends.start_ratio > 0.0:
+        r = ends.start_ratio
+        band[1, 0] += 2.0 * band[0, 1] / r + band[0, 0] / r**2
+        band[1, 1] += band[0, 2] / r
+    else:
+        band[1, 0], band[1, 1], band[1, 2] = 1.0, 0.0, 0.0
+    band[0, 0], band[0, 1], band[0, 2] = 1.0, 0.0, 0.0
+    r = ends.end_ratio
+    band[last - 1, 0] += 2.0 * band[last - 1, 1] / r + band[last, 0] / r**2
+    band[last - 2, 1] += band[last - 2, 2] / r
+    band[last, 0] = 1.0
+    band[last - 1, 1] = band[last - 2, 2] = 0.0
+
+
+@compiled
+def _factorise(band: FloatArray) -> bool:
+    """L D L' in place (D on the diagonal); False where the matrix is not positive definite."""
+    n = len(band)
+    for j in range(n):
+        d = band[j, 0]
+        if not 0.0 < d < np.inf:
+            return False
+        l1, l2 = band[j, 1] / d, band[j, 2] / d
+        if j + 1 < n:
+            band[j + 1, 0] -= l1 * band[j, 1]
+            band[j + 1, 1] -= l1 * band[j, 2]
+        if j + 2 < n:
+            band[j + 2, 0] -= l2 * band[j, 2]
+        band[j, 1], band[j, 2] = l1, l2
+    return True
+
+
+@compiled
+def _solve(factor: FloatArray, vector: FloatArray) -> None:
+    """Solve in place with the factor of :func:`_factorise`."""
+    n = len(vector)
+    for j in range(n):
+        if j + 1 < n:
+            vector[j + 1] -= factor[j, 1] * vector[j]
+        if j + 2 < n:
+            vector[j + 2] -= factor[j, 2] * vector[j]
+    for j in range(n - 1, -1, -1):
+        value = vector[j] / factor[j, 0]
+        if j + 1 < n:
+            value -= factor[j, 1] * vector[j + 1]
+        if j + 2 < n:
+            value -= factor[j, 2] * vector[j + 2]
+        vector[j] = value
+
+
+@compiled
+def _assemble(  # noqa: PLR0915 -- scalars
+    rows: PackedRows, at: Iterate, system: System, primal: float, dual_step: float
+) -> tuple[float, float, float]:
+    """Residuals, gradient, right side of the predictor and normal matrix, after the last steps of slacks and duals.
+
+    Slacks rise to the room that a limit leaves.
+
+    Returns:
+        Motion time (not a number where q is not positive), sum of slack times multiplier, largest excess of a limit.
+    """
+    basis, weights, first, counts, coefficients, limits, over_root = rows
+    gradient, right, _, band, convex = system
+    sides, slopes = at.sides, at.slopes
+    spans, points = weights.shape
+    time = gap = excess = 0.0
+    gradient[:], right[:], band[:], convex[:] = 0.0, 0.0, 0.0, 0.0
+    for k in range(spans):
+        c0, c1, c2 = at.c[k], at.c[k + 1], at.c[k + 2]
+        for p in range(points):
+            if weights[k, p] == 0.0:
+                continue
+            v0, v1, v2 = basis[k, p, 0, 0], basis[k, p, 0, 1], basis[k, p, 0, 2]
+            s0, s1, s2 = basis[k, p, 1, 0], basis[k, p, 1, 1], basis[k, p, 1, 2]
+            n0, n1, n2 = basis[k, p, 2, 0], basis[k, p, 2, 1], basis[k, p, 2, 2]
+            q, slope, bend = v0 * c0 + v1 * c1 + v2 * c2, s0 * c0 + s1 * c1 + s2 * c2, n0 * c0 + n1 * c1 + n2 * c2
+            if not q > 0.0:
+                return np.nan, gap, excess
+            root_q, half_over_q = np.sqrt(q), 0.5 / q
+            half_over_root = half_over_q * root_q
+            weighted = 2.0 * weights[k, p] * half_over_root
+            time += weighted
+            g0 = r0 = -weighted * half_over_q
+            exact = positive = 3.0 * weighted * half_over_q * half_over_q
+            g1 = g2 = r1 = r2 = h0 = h1 = m00 = m01 = m02 = m11 = m12 = m22 = 0.0
+            for r in range(first[k, p], first[k, p] + counts[k, p]):
+                l0, l1, root = coefficients[r, 0], coefficients[r, 1], coefficients[r, 5]
+                d0, d1, d2 = l0, l1, 0.0
+                divided = over_root[r] > 0.0
+                if divided:
+                    d0 += root_q * coefficients[r, 2]
+                    d1 += root_q * coefficients[r, 3]
+                    d2 = root_q * coefficients[r, 4]
+                y, straight = d0 * q + d1 * slope + d2 * bend + root * root_q, l0 * q + l1 * slope
+                slopes[r, 0], slopes[r, 1] = d1, d2
+                dual_0 = dual_d = pull_0 = pull_d = omega_0 = omega_d = omega_dd = bent = 0.0
+                for side in range(2):
+                    sigma = limits[r, side]
+                    if sigma == 0.0:
+                        continue
+                    if side == 1:
+                        sigma = -sigma
+                    over = sigma * y - 1.0
+                    excess = max(excess, over)
+                    slack = max(sides[r, side, 0] + primal * sides[r, side, 4], -over)
+                    dual = sides[r, side, 1] + dual_step * sides[r, side, 5]
+                    residual = over + slack
+                    omega = dual / slack
+                    pull = omega * residual
+                    bending = dual * half_over_q
+                    if divided:
+                        beta = (1.0 - sigma * straight) * half_over_q
+                        curvature = -3.0 * bending * beta
+                        bent -= bending * sigma
+                    else:
+                        beta = sigma * root * half_over_root
+                        curvature = -bending * beta
+                    on_q = sigma * d0 + beta
+                    sides[r, side, 0], sides[r, side, 1] = slack, dual
+                    sides[r, side, 2], sides[r, side, 3] = residual, on_q
+                    gap += slack * dual
+                    exact += curvature
+                    positive += max(curvature, 0.0)
+                    dual_0 += dual * on_q
+                    dual_d += dual * sigma
+                    pull_0 += pull * on_q
+                    pull_d += pull * sigma
+                    omega_q, omega_s = omega * on_q, omega * sigma
+                    omega_0 += omega_q * on_q
+                    omega_d += omega_s * on_q
+                    omega_dd += omega_s * sigma
+                g0, g1, g2 = g0 + dual_0, g1 + dual_d * d1, g2 + dual_d * d2
+                r0, r1, r2 = r0 + pull_0, r1 + pull_d * d1, r2 + pull_d * d2
+                h0, h1 = h0 + bent * l0, h1 + bent * l1
+                e1, e2 = omega_dd * d1, omega_dd * d2
+                m00, m01, m02 = m00 + omega_0, m01 + omega_d * d1, m02 + omega_d * d2
+                m11, m12, m22 = m11 + e1 * d1, m12 + e1 * d2, m22 + e2 * d2
+            gradient[k] += g0 * v0 + g1 * s0 + g2 * n0
+            gradient[k + 1] += g0 * v1 + g1 * s1 + g2 * n1
+            gradient[k + 2] += g0 * v2 + g1 * s2 + g2 * n2
+            right[k] += r0 * v0 + r1 * s0 + r2 * n0
+            right[k + 1] += r0 * v1 + r1 * s1 + r2 * n1
+            right[k + 2] += r0 * v2 + r1 * s2 + r2 * n2
+            # The convex part leaves out what h and negative curvature add.
+            x00, m00, m01 = positive - exact - 2.0 * h0, m00 + exact + 2.0 * h0, m01 + h1
+            half = 0.5 * x00
+            x0, x1, x2 = half * v0 - h1 * s0, half * v1 - h1 * s1, half * v2 - h1 * s2
+            convex[k, 0] += 2.0 * x0 * v0
+            convex[k, 1] += x0 * v1 + x1 * v0
+            convex[k, 2] += x0 * v2 + x2 * v0
+            convex[k + 1, 0] += 2.0 * x1 * v1
+            convex[k + 1, 1] += x1 * v2 + x2 * v1
+            convex[k + 2, 0] += 2.0 * x2 * v2
+            x0, x1, x2 = m00 * v0 + m01 * s0 + m02 * n0, m00 * v1 + m01 * s1 + m02 * n1, m00 * v2 + m01 * s2 + m02 * n2
+            y0, y1, y2 = m01 * v0 + m11 * s0 + m12 * n0, m01 * v1 + m11 * s1 + m12 * n1, m01 * v2 + m11 * s2 + m12 * n2
+            z0, z1, z2 = m02 * v0 + m12 * s0 + m22 * n0, m02 * v1 + m12 * s1 + m22 * n1, m02 * v2 + m12 * s2 + m22 * n2
+            band[k, 0] += v0 * x0 + s0 * y0 + n0 * z0
+            band[k, 1] += v0 * x1 + s0 * y1 + n0 * z1
+            band[k, 2] += v0 * x2 + s0 * y2 + n0 * z2
+            band[k + 1, 0] += v1 * x1 + s1 * y1 + n1 * z1
+            band[k + 1, 1] += v1 * x2 + s1 * y2 + n1 * z2
+            band[k + 2, 0] += v2 * x2 + s2 * y2 + n2 * z2
+    return time, gap, excess
+
+
+@compiled
+def _add_ends(ends: Ends, at: Iterate, system: System, primal: float, dual_step: float) -> tuple[float, float]:
+    """The same for the limits of the outer control points; returns their part of gap and excess."""
+    gap = excess = 0.0
+    last = len(at.c) - 1
+    for end in range(2):
+        inverse = ends.end_inverse_limit if end else ends.start_inverse_limit
+        if inverse == 0.0:
+            continue
+        place = last if end else 0
+        over, dual = inverse * at.c[place] - 1.0, at.ends[end, 1] + dual_step * at.ends[end, 5]
+        slack = max(at.ends[end, 0] + primal * at.ends[end, 4], -over)
+        at.ends[end, 0], at.ends[end, 1], at.ends[end, 2] = slack, dual, over + slack
+        gap += slack * dual
+        excess = max(excess, over)
+        system.gradient[place] += inverse * dual
+        system.right[place] += inverse * dual / slack * (over + slack)
+        system.band[place, 0] += inverse * inverse * dual / slack
+    return gap, excess
+
+
+@compiled
+def _predict(
+    rows: PackedRows, ends: Ends, at: Iterate, system: System, step: FloatArray, weight: float
+) -> tuple[float, float, float, float]:
+    """Look along the predictor: turns the right side into the corrector's and sets its centre.
+
+    ``weight`` is that of the second-order terms: 1, or 0 to leave them out.
+
+    Returns:
+        Smallest and largest step of a slack by that slack; sums of d_slack * dual and of d_slack * d_dual.
+    """
+    basis, first, counts, limits = rows.basis, rows.first, rows.counts, rows.inverse_limits
+    _, right, centre, _, _ = system
+    sides, slopes = at.sides, at.slopes
+    spans, points = counts.shape
+    least = most = by_slack = both = 0.0
+    centre[:] = 0.0
+    for k in range(spans):
+        c0, c1, c2 = step[k], step[k + 1], step[k + 2]
+        for p in range(points):
+            if counts[k, p] == 0:
+                continue
+            v0, v1, v2 = basis[k, p, 0, 0], basis[k, p, 0, 1], basis[k, p, 0, 2]
+            s0, s1, s2 = basis[k, p, 1, 0], basis[k, p, 1, 1], basis[k, p, 1, 2]
+            n0, n1, n2 = basis[k, p, 2, 0], basis[k, p, 2, 1], basis[k, p, 2, 2]
+            dq, d_slope, d_bend = (
+                v0 * c0 + v1 * c1 + v2 * c2,
+                s0 * c0 + s1 * c1 + s2 * c2,
+                n0 * c0 + n1 * c1 + n2 * c2,
+            )
+            r0 = r1 = r2 = m0 = m1 = m2 = 0.0
+            for r in range(first[k, p], first[k, p] + counts[k, p]):
+                d1, d2 = slopes[r, 0], slopes[r, 1]
+                dd = d1 * d_slope + d2 * d_bend
+                right_d = centre_d = 0.0
+                for side in range(2):
+                    sigma = limits[r, side]
+                    if sigma == 0.0:
+                        continue
+                    if side == 1:
+                        sigma = -sigma
+                    dual, on_q, inverse = (
+                        sides[r, side, 1],
+                        sides[r, side, 3],
+                        1.0 / sides[r, side, 0],
+                    )
+                    d_slack = -sides[r, side, 2] - sigma * dd - on_q * dq
+                    relative = d_slack * inverse
+                    product = -d_slack * dual * (1.0 + relative)
+                    second = weight * product
+                    sides[r, side, 6] = second
+                    least, most = min(least, relative), max(most, relative)
+                    by_slack += d_slack * dual
+                    both += product
+                    pull = second * inverse
+                    r0 -= on_q * pull
+                    right_d -= sigma * pull
+                    m0 += on_q * inverse
+                    centre_d += sigma * inverse
+                r1, r2 = r1 + right_d * d1, r2 + right_d * d2
+                m1, m2 = m1 + centre_d * d1, m2 + centre_d * d2
+            right[k] += r0 * v0 + r1 * s0 + r2 * n0
+            right[k + 1] += r0 * v1 + r1 * s1 + r2 * n1
+            right[k + 2] += r0 * v2 + r1 * s2 + r2 * n2
+            centre[k] += m0 * v0 + m1 * s0 + m2 * n0
+            centre[k + 1] += m0 * v1 + m1 * s1 + m2 * n1
+            centre[k + 2] += m0 * v2 + m1 * s2 + m2 * n2
+    for end in range(2):
+        inverse_limit = ends.end_inverse_limit if end else ends.start_inverse_limit
+        if inverse_limit == 0.0:
+            continue
+        place = len(at.c) - 1 if end else 0
+        slack, dual = at.ends[end, 0], at.ends[end, 1]
+        d_slack = -at.ends[end, 2] - inverse_limit * step[place]
+        relative = d_slack / slack
+        d_dual = -dual * (1.0 + relative)
+        least, most = min(least, relative), max(most, relative)
+        at.ends[end, 6] = weight * d_slack * d_dual
+        by_slack += d_slack * dual
+        both += d_slack * d_dual
+        right[place] -= inverse_limit * at.ends[end, 6] / slack
+        centre[place] += inverse_limit / slack
+    return least, most, by_slack, both
+
+
+@compiled
+def _correct(rows: PackedRows, ends: Ends, at: Iterate, step: FloatArray, target: float) -> tuple[float, float, float]:
+    """Steps of slacks and multipliers along the corrector; longest primal, dual and q step as inverse ratios."""
+    basis, weights, first, counts, _, limits, _ = rows
+    sides, slopes = at.sides, at.slopes
+    spans, points = counts.shape
+    primal = dual_ratio = q_ratio = 0.0
+    for k in range(spans):
+        s0, s1, s2 = step[k], step[k + 1], step[k + 2]
+        for p in range(points):
+            if weights[k, p] == 0.0:
+                continue
+            v0, v1, v2 = basis[k, p, 0, 0], basis[k, p, 0, 1], basis[k, p, 0, 2]
+            dq = v0 * s0 + v1 * s1 + v2 * s2
+            d_slope = basis[k, p, 1, 0] * s0 + basis[k, p, 1, 1] * s1 + basis[k, p, 1, 2] * s2
+            d_bend = basis[k, p, 2, 0] * s0 + basis[k, p, 2, 1] * s1 + basis[k, p, 2, 2] * s2
+            q_ratio = max(q_ratio, -dq / (v0 * at.c[k] + v1 * at.c[k + 1] + v2 * at.c[k + 2]))
+            for r in range(first[k, p], first[k, p] + counts[k, p]):
+                dd = slopes[r, 0] * d_slope + slopes[r, 1] * d_bend
+                for side in range(2):
+                    sigma = limits[r, side]
+                    if sigma == 0.0:
+                        continue
+                    if side == 1:
+                        sigma = -sigma
+                    slack, dual = sides[r, side, 0], sides[r, side, 1]
+                    inverse = 1.0 / (slack * dual)
+                    d_slack = -sides[r, side, 2] - sigma * dd - sides[r, side, 3] * dq
+                    aim = target - sides[r, side, 6] - dual * d_slack
+                    sides[r, side, 4], sides[r, side, 5] = d_slack, aim * dual * inverse - dual
+                    primal = max(primal, -d_slack * dual * inverse)
+                    dual_ratio = max(dual_ratio, 1.0 - aim * inverse)
+    for end in range(2):
+        inverse_limit = ends.end_inverse_limit if end else ends.start_inverse_limit
+        if inverse_limit == 0.0:
+            continue
+        place = len(at.c) - 1 if end else 0
+        slack, dual = at.ends[end, 0], at.ends[end, 1]
+        d_slack = -at.ends[end, 2] - inverse_limit * step[place]
+        d_dual = (target - at.ends[end, 6] - dual * d_slack) / slack - dual
+        at.ends[end, 4], at.ends[end, 5] = d_slack, d_dual
+        primal, dual_ratio = max(primal, -d_slack / slack), max(dual_ratio, -d_dual / dual)
+    return primal, dual_ratio, q_ratio
+
+
+@compiled
+def _look(
+    rows: PackedRows, ends: Ends, at: Iterate, system: System, primal: float, dual_step: float
+) -> tuple[float, float, float]:
+    """Take the last steps of slacks and multipliers and set the linear system at the iterate.
+
+    Args:
+        rows, ends, at, system: control points of ``at`` already moved.
+        primal, dual_step: lengths of the steps of slacks and multipliers.
+
+    Returns:
+        Motion time, sum of slack times multiplier, largest excess of a limit.
+    """
+    time, total, excess = _assemble(rows, at, system, primal, dual_step)
+    end_total, end_excess = _add_ends(ends, at, system, primal, dual_step)
+    return time, total + end_total, max(excess, end_excess)
+
+
+@compiled
+def _length(ratio: float, fraction: float) -> float:
+    """Longest step in (0, 1] whose inverse ratio leaves ``1 - fraction`` of every value."""
+    return min(1.0, fraction / ratio) if ratio > 0.0 else 1.0
+
+
+@compiled
+def _direction(ends: Ends, factor: FloatArray, right: FloatArray) -> FloatArray:
+    step = -right
+    _restrict(ends, step)
+    _solve(factor, step)
+    expand(ends, step)
+    return step
+
+
+@compiled
+def iterate(
+    rows: PackedRows, ends: Ends, at: Iterate, system: System, size: int, share: float, settings: Settings
+) -> tuple[int, int, float, float, float]:
+    """Predictor-corrector iterations in place.
+
+    Args:
+        rows, ends, at, system: the problem; ``at`` holds the first iterate, then the last one.
+        size: number of sides, with the limits of the outer control points.
+        share: that number by the one of the whole problem.
+        settings: when to end.
+
+    Returns:
+        How they ended, their number, and gap, dual residual (both by the motion time) and excess at the end.
+    """
+    fraction = _CAUTIOUS_STEP_TO_BOUNDARY if settings.cautious else _STEP_TO_BOUNDARY
+    gap = dual = excess = np.inf
+    primal = dual_step = 0.0
+    short, stalls = False, 0
+    for iteration in range(settings.max_iterations):
+        time, total, excess = _look(rows, ends, at, system, primal, dual_step)
+        _restrict(ends, system.gradient)
+        dual, gap = np.sum(np.abs(system.gradient * at.c)) / time, total / time
+        if gap < settings.tolerance and dual < settings.tolerance and excess < settings.feasibility:
+            return CONVERGED, iteration, gap, dual, excess
+        if not (gap < np.inf and dual < _DIVERGED and stalls < _MOST_STALLS):
+            return DIVERGED, iteration, gap, dual, excess
+        factor = system.band + system.convex if settings.cautious else system.band.copy()
+        _restrict_band(ends, factor)
+        if not _factorise(factor):
+            factor = system.band + system.convex
+            _restrict_band(ends, factor)
+            if not _factorise(factor):
+                return INDEFINITE, iteration, gap, dual, excess
+        step = _direction(ends, factor, system.right)
+        least, most, by_slack, both = _predict(rows, ends, at, system, step, 0.0 if short else 1.0)
+        # Along the predictor slack * d_dual + d_slack * dual = -slack * dual: the sums and ratios of the dual follow.
+        primal, dual_step = _length(-least, 1.0), _length(1.0 + most, 1.0)
+        reached = total + primal * by_slack - dual_step * (total + by_slack) + primal * dual_step * both
+        target = max(total * (reached / total) ** 3, _CENTRALITY * share * dual * time) / size
+        if short:
+            target = max(target, _RECENTRE * total / size)
+        step = _direction(ends, factor, system.right + target * system.centre)
+        primal_ratio, dual_ratio, q_ratio = _correct(rows, ends, at, step, target)
+        primal = min(_length(primal_ratio, fraction), _length(q_ratio, _Q_STEP_TO_ZERO))
+        dual_step = _length(dual_ratio, fraction)
+        short = min(primal, dual_step) < _SHORT
+        stalls = stalls + 1 if primal < _STALLED else 0
+        at.c[:] += primal * step
+        expand(ends, at.c)
+    return OUT_OF_ITERATIONS, settings.max_iterations, gap, dual, excess

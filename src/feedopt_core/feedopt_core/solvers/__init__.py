@@ -1,1 +1,0 @@
-"""Optimisers the planning methods share."""

@@ -1,1 +1,0 @@
-"""Recording every topic of the graph, raw, into rosbag2-compatible MCAP."""

@@ -1,0 +1,1 @@
+"""Views in Rerun: recordings, their layout, the viewer."""

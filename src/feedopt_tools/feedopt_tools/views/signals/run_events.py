@@ -1,0 +1,143 @@
+"""What happened during a run, in order: program lines and words, stops and dwells, states of the nodes, faults."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from feedopt_core.arrays import FloatArray
+from feedopt_recorder.bags.check_bag import check_run
+from feedopt_recorder.bags.run_data import TICK_S, StatusRow
+from feedopt_tools.views.signals.signals import RunSignals
+
+# The numbers are those of NodeStatus.
+STATES = ("STARTING", "READY", "RUNNING", "DONE", "FAULT")
+_FAULT = 4
+_NANOSECONDS = 1e9
+_MANY = 500
+_APART_TICKS = 200
+
+
+@dataclass(frozen=True)
+class RunEvent:
+    """One thing that happened.
+
+    Attributes:
+        t_s, s_mm: motion time and arc length.
+        source: node, ``program`` or ``recording``.
+        level: ``INFO``, ``WARN`` or ``ERROR``.
+        text: what.
+    """
+
+    t_s: float
+    s_mm: float
+    source: str
+    level: str
+    text: str
+
+
+@dataclass(frozen=True)
+class NodeState:
+    """State a node was in from a motion time on."""
+
+    node: str
+    t_s: float
+    state: str
+
+
+def events_of(signals: RunSignals) -> tuple[RunEvent, ...]:
+    """Events of a run in order of time; what a recording misses comes first."""
+    found = [*_program_events(signals), *_chunk_events(signals), *_status_events(signals), *_late_ticks(signals)]
+    missing = [
+        RunEvent(float(signals.t_s[0]), 0.0, "recording", "WARN", f"{finding.place}: {finding.text}")
+        for finding in check_run(signals.run)
+    ]
+    return (*missing, *sorted(found, key=lambda event: event.t_s))
+
+
+def node_states(signals: RunSignals) -> tuple[NodeState, ...]:
+    """Changes of state of every node, in order of time."""
+    states, last = list[NodeState](), dict[str, int]()
+    for status in signals.run.statuses:
+        if last.get(status.node) != status.state:
+            last[status.node] = status.state
+            states.append(NodeState(status.node, motion_time_of(signals, status.received_ns), _state_name(status)))
+    return tuple(states)
+
+
+def motion_time_of(signals: RunSignals, received_ns: int) -> float:
+    """Motion time at a wall-clock time, kept inside the recorded motion."""
+    setpoints = signals.run.setpoints
+    zero_ns = int(setpoints.stamp_ns[0]) - round(float(setpoints.tick[0]) * TICK_S * _NANOSECONDS)
+    t_s = (received_ns - zero_ns) / _NANOSECONDS
+    return float(np.clip(t_s, signals.t_s[0], signals.t_s[-1]))
+
+
+def program_lines(signals: RunSignals) -> FloatArray | None:
+    """Line of the program at every set point, shape (n,); None without segments."""
+    segments = signals.run.segments
+    if not segments:
+        return None
+    starts = np.array([segment.place.s_start_mm for segment in segments])
+    lines = np.array([float(segment.place.source_line) for segment in segments])
+    owner = np.clip(np.searchsorted(starts, signals.s_mm, side="right") - 1, 0, len(lines) - 1)
+    return np.asarray(lines[owner])
+
+
+def _program_events(signals: RunSignals) -> Iterator[RunEvent]:
+    for segment in signals.run.segments:
+        place = segment.place
+        start_s = _time_at(signals, place.s_start_mm)
+        for text in place.events:
+            yield RunEvent(start_s, place.s_start_mm, "program", "INFO", f"line {place.source_line}: {text}")
+        if place.exact_stop and not place.last:
+            end_mm = place.s_start_mm + segment.length_mm
+            dwell = f", waits {place.dwell_s:g} s" if place.dwell_s > 0.0 else ""
+            text = f"line {place.source_line}: comes to rest{dwell}"
+            yield RunEvent(_time_at(signals, end_mm), end_mm, "program", "INFO", text)
+
+
+def _chunk_events(signals: RunSignals) -> Iterator[RunEvent]:
+    for chunk in signals.run.chunks:
+        if chunk.figures.fallback:
+            text = f"chunk {chunk.sequence}: no plan for its window, ends in a stop"
+            yield RunEvent(chunk.t_start_s, chunk.s_start_mm, "planner", "WARN", text)
+
+
+def _status_events(signals: RunSignals) -> Iterator[RunEvent]:
+    last = dict[str, tuple[int, str, int]]()
+    for status in signals.run.statuses:
+        now = (status.state, status.text, status.starved_chunk_sequence)
+        if last.get(status.node) == now:
+            continue
+        last[status.node] = now
+        t_s = motion_time_of(signals, status.received_ns)
+        s_mm = float(np.interp(t_s, signals.t_s, signals.s_mm))
+        text = ": ".join(filter(None, (_state_name(status), status.text)))
+        level = "ERROR" if status.state == _FAULT else "INFO"
+        if status.starved_chunk_sequence:
+            level, text = "WARN", f"{text}: came to rest behind chunk {status.starved_chunk_sequence}, none followed"
+        yield RunEvent(t_s, s_mm, status.node, level, text)
+
+
+def _late_ticks(signals: RunSignals) -> Iterator[RunEvent]:
+    """Stretches in which set points were late by a period or more; those close to each other are one."""
+    late = np.flatnonzero(signals.lateness_ms >= 1e3 * TICK_S)
+    if not len(late):
+        return
+    for stretch in np.split(late, np.flatnonzero(np.diff(late) > _APART_TICKS) + 1)[:_MANY]:
+        worst_ms = float(np.max(signals.lateness_ms[stretch]))
+        text = f"{len(stretch)} set points late by up to {worst_ms:.2f} ms"
+        yield RunEvent(float(signals.t_s[stretch[0]]), float(signals.s_mm[stretch[0]]), "interpolator", "WARN", text)
+
+
+def _time_at(signals: RunSignals, s_mm: float) -> float:
+    """When an arc length is reached."""
+    row = min(int(np.searchsorted(signals.s_mm, s_mm)), len(signals.t_s) - 1)
+    return float(signals.t_s[row])
+
+
+def _state_name(status: StatusRow) -> str:
+    return STATES[status.state] if 0 <= status.state < len(STATES) else f"state {status.state}"
