@@ -1,6 +1,6 @@
 # shellcheck shell=bash
 # Sourced by ./feedopt when .venv or the build is missing or out of date: makes both, once at a time.
-# shellcheck disable=SC2154  # root, venv, ready_stamp, built_stamp, ros_origin and the functions are ./feedopt's
+# shellcheck disable=SC2154  # root, venv, ready_stamp, built_stamp, built_manifest, ros_origin and the functions are ./feedopt's
 
 setup_log=$root/log/setup.log
 building_marker=$root/build/feedopt-building
@@ -166,15 +166,16 @@ has_cmake() { # at least 3.19, for cmake_language(DEFER)
 # --- the build --------------------------------------------------------------------------------------------------------
 
 build_workspace() {
-    local packages title
+    local packages title now
     if [[ -f $building_marker || ! -f $built_stamp || $(<"$built_stamp") != "$(build_recipe)" ]]; then
         rm -rf -- "$root/build" "$root/install"
     fi
     mkdir -p -- "$root/build" "$root/install"
     # The build counts from here: what changes while it runs has to be built again.
     build_recipe >"$building_marker"
+    now=$(built_sources)
     forget_vanished_sources
-    mapfile -t packages < <(changed_packages)
+    mapfile -t packages < <(changed_packages <<<"$now")
     if [[ ${#packages[@]} -gt 0 ]]; then
         title="building ${packages[*]}"
         [[ ${#packages[@]} -le 2 ]] || title='building the workspace'
@@ -182,32 +183,33 @@ build_workspace() {
         rm -rf -- "${packages[@]/#/$root/install/lib/}"
         step "$title" colcon_build "${packages[@]}"
     fi
-    built_sources -type f -print >"$root/install/feedopt-sources"
+    printf '%s\n' "$now" >"$built_manifest"
     mv -- "$building_marker" "$built_stamp"
 }
 
 # What was made from a file that is gone would live on: drop all that its package has built and installed.
 forget_vanished_sources() {
     local source package
-    [[ -f $root/install/feedopt-sources ]] || return 0
-    while IFS= read -r source; do
+    [[ -f $built_manifest ]] || return 0
+    while read -r _ source; do
         if [[ ! -e $root/$source ]]; then
             package=feedopt_config
             [[ $source != src/* ]] || package=$(cut -d / -f 2 <<<"$source")
             rm -rf -- "$root/build/$package" "$root/install"/{lib,share}/"$package"
         fi
-    done <"$root/install/feedopt-sources"
+    done <"$built_manifest"
     find "$root/install" -xtype l -delete
 }
 
-changed_packages() {
-    local description folder newer=()
-    if [[ -f $built_stamp ]]; then
-        newer=(-cnewer "$built_stamp")
-    fi
+# Names of the packages that have a file which is new, gone or different since the last build; all before the first.
+changed_packages() { # <SOURCES
+    local before=/dev/null description folder changed
+    [[ ! -f $built_manifest ]] || before=$built_manifest
+    # Lines that are in one of both alone, without the hash.
+    mapfile -t changed < <(LC_ALL=C comm -3 <(LC_ALL=C sort -- "$before") <(LC_ALL=C sort) | sed 's/^\t*[0-9a-f]*  //')
     for description in "$root"/config/package.xml "$root"/src/*/package.xml; do
         folder=$(dirname -- "${description#"$root"/}")
-        if built_sources -path "$folder*" "${newer[@]}" -print -quit | grep -q .; then
+        if grep -q "^$folder/" < <(printf '%s\n' "${changed[@]}"); then
             sed -n 's|.*<name>\(.*\)</name>.*|\1|p' "$description"
         fi
     done
