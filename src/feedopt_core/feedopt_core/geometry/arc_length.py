@@ -15,6 +15,7 @@ import numpy as np
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import ToolpathError
 from feedopt_core.geometry.path_points import parameter_rates
+from feedopt_core.geometry.quadrature import gauss_legendre
 
 Evaluator = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]
 
@@ -24,8 +25,7 @@ _MAX_PIECES = 4096
 _LEAST_PIECE_MM = 1e-9
 _SHARPEST_PER_MM = 1e5
 _TURN_AT_JOINT = 1e-3
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-_NODES, _WEIGHTS = (_NODES + 1.0) / 2.0, _WEIGHTS / 2.0
+_NODES, _WEIGHTS = gauss_legendre(16)
 _CHECKS = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
 
 

@@ -20,11 +20,11 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.compiled import compiled
+from feedopt_core.geometry.quadrature import gauss_legendre
 
 COLUMNS = 18
 PLANAR, NURBS = 0.0, 1.0
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
-_NODES, _WEIGHTS = (_NODES + 1.0) / 2.0, _WEIGHTS / 2.0
+_NODES, _WEIGHTS = gauss_legendre(12)
 _LEAST_BEND_PER_MM = 1e-12
 
 

@@ -17,6 +17,7 @@ from scipy.interpolate import BPoly, make_interp_spline
 from scipy.optimize import root
 
 from feedopt_core.arrays import FloatArray
+from feedopt_core.geometry.quadrature import gauss_legendre
 
 _RAMP = 0.1
 """Part of the length over which the curvature rises: the loop of least motion time, to 2 % for 3 to 10 mm of room."""
@@ -32,8 +33,7 @@ _REACH_ERROR = 0.01
 _MOST_SIZES = 12
 _STEPS = 8
 _SOLVED = 1e-9
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
-_NODES, _WEIGHTS = (_NODES + 1.0) / 2.0, _WEIGHTS / 2.0
+_NODES, _WEIGHTS = gauss_legendre(12)
 
 
 @dataclass(frozen=True)

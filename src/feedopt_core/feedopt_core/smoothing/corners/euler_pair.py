@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
+from feedopt_core.geometry.quadrature import gauss_legendre
 from feedopt_core.geometry.segments import PlanarSegment, SegmentKind
 from feedopt_core.smoothing.side import UNPLACED
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-_NODES2, _WEIGHTS = ((_NODES + 1.0) / 2.0) ** 2, _WEIGHTS / 2.0
+_NODES, _WEIGHTS = gauss_legendre(16)
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class EulerPair:
     @classmethod
     def turning(cls, angle_rad: float) -> EulerPair:
         """Pair for a turning angle above 0 and below pi."""
-        heading = 0.5 * angle_rad * _NODES2
+        heading = 0.5 * angle_rad * _NODES**2
         forward, sideways = float(np.cos(heading) @ _WEIGHTS), float(np.sin(heading) @ _WEIGHTS)
         half = 0.5 * angle_rad
         return cls(

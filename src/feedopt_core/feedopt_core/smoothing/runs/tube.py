@@ -14,6 +14,7 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray, IntArray
 from feedopt_core.compiled import compiled
+from feedopt_core.geometry.quadrature import gauss_legendre
 
 DEGREE = 5
 _ORDER = DEGREE + 1
@@ -22,6 +23,8 @@ _INTERPOLATING_SPANS = 0.05
 _STEP_DOWN = 0.4
 _STEP_UP = 4.0
 _AIM = 0.97
+# Exact for the square of a third derivative, which is of degree 4 in a span.
+_NODES, _WEIGHTS = gauss_legendre(3)
 
 
 @compiled
@@ -61,8 +64,6 @@ def roughness(knots: FloatArray) -> FloatArray:
     """Upper bands of the matrix H with ``integral |r'''|^2 du = P^T H P``: entry [i, k] is H[i, i + k]; (n, 6)."""
     count = len(knots) - _ORDER
     bands = np.zeros((count, _ORDER))
-    gauss = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])
-    weight = np.array([5.0, 8.0, 5.0]) / 18.0
     third = np.empty((3, _ORDER))
     work = np.empty((_ORDER, _ORDER))
     quadratic = np.empty(3)
@@ -80,14 +81,14 @@ def roughness(knots: FloatArray) -> FloatArray:
                 for k in range(_ORDER):
                     work[i, k] = factor * (work[i + 1, k] - work[i, k])
         for g in range(3):
-            u = knots[span] + 0.5 * width * (1.0 + gauss[g])
+            u = knots[span] + width * _NODES[g]
             _basis(knots, span, u, 2, quadratic)
             for k in range(_ORDER):
                 third[g, k] = quadratic[0] * work[0, k] + quadratic[1] * work[1, k] + quadratic[2] * work[2, k]
         for g in range(3):
             for a in range(_ORDER):
                 for b in range(a, _ORDER):
-                    bands[span - DEGREE + a, b - a] += weight[g] * width * third[g, a] * third[g, b]
+                    bands[span - DEGREE + a, b - a] += _WEIGHTS[g] * width * third[g, a] * third[g, b]
     return bands
 
 
