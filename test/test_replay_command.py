@@ -17,9 +17,9 @@ from feedopt_node.errors import SecondGraphError
 from feedopt_node.graph import load_graph
 from feedopt_recorder.mcap_writer import McapWriter
 from feedopt_tools.command.main import main
+from feedopt_tools.errors import ReplayInputError
 from feedopt_tools.execute.domain_lock import DomainLock
 from feedopt_tools.replay import live
-from feedopt_tools.replay.errors import ReplayInputError
 from feedopt_tools.replay.recorded_program import RecordedProgram
 
 BAG = Path(__file__).resolve().parents[1] / "bags" / "corners"

@@ -14,7 +14,6 @@ from typing import IO, NamedTuple
 import yaml
 
 from feedopt_node.graph import Topic
-from feedopt_recorder.bags.errors import BagError, BagWriteError
 from feedopt_recorder.bags.metadata_yaml import (
     BagEntry,
     TopicEntry,
@@ -24,6 +23,7 @@ from feedopt_recorder.bags.metadata_yaml import (
     write_metadata,
 )
 from feedopt_recorder.bags.repair import repair_bag
+from feedopt_recorder.errors import BagError, BagWriteError
 from feedopt_recorder.mcap_writer import McapWriter
 from feedopt_recorder.message_schemas import MessageSchemas
 

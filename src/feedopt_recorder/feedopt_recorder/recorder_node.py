@@ -22,7 +22,7 @@ from feedopt_node.graph_node import GraphNode
 from feedopt_node.polling import PolledGroup, PollingThread
 from feedopt_node.run import EXIT_FAILURE, EXIT_OK, run_node
 from feedopt_recorder.bag_writer import BagWriter, Received
-from feedopt_recorder.bags.errors import BagWriteError
+from feedopt_recorder.errors import BagWriteError
 from feedopt_recorder.message_schemas import MessageSchemas, ament_share_directories
 from feedopt_recorder.parameters import RecorderParameters
 from feedopt_recorder.provenance import read_provenance, versions

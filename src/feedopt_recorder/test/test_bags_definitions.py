@@ -16,8 +16,8 @@ pytest.importorskip("feedopt_msgs.msg")
 from feedopt_recorder.bag_writer import BagWriter
 from feedopt_recorder.bags import definitions as module
 from feedopt_recorder.bags.definitions import MIGRATIONS, migrated, migration
-from feedopt_recorder.bags.errors import BagDefinitionError, BagForeignError
 from feedopt_recorder.bags.read_bag import read_bag
+from feedopt_recorder.errors import BagDefinitionError, BagForeignError
 from feedopt_recorder.message_schemas import MessageSchemas
 
 SETPOINT, SEGMENT = "feedopt_msgs/msg/AxisSetpoint", "feedopt_msgs/msg/ToolpathSegment"

@@ -20,16 +20,16 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from feedopt_node.graph import Qos, Topic
 from feedopt_recorder.bag_writer import BagWriter, Received
 from feedopt_recorder.bags.cdr_layout import NoFixedLayoutError, layout_of
-from feedopt_recorder.bags.errors import (
+from feedopt_recorder.bags.messages import read_messages
+from feedopt_recorder.bags.read_bag import read_bag
+from feedopt_recorder.bags.repair import repair_bag
+from feedopt_recorder.errors import (
     BagEmptyError,
     BagError,
     BagForeignError,
     BagMissingError,
     BagTruncatedError,
 )
-from feedopt_recorder.bags.messages import read_messages
-from feedopt_recorder.bags.read_bag import read_bag
-from feedopt_recorder.bags.repair import repair_bag
 
 DURATION_S = 0.6
 

@@ -19,8 +19,8 @@ from rosbags.highlevel import AnyReader
 from feedopt_core.errors import ConfigError
 from feedopt_recorder import bag_writer
 from feedopt_recorder.bag_writer import BagWriter, Received
-from feedopt_recorder.bags.errors import BagWriteError
 from feedopt_recorder.bags.repair import repair_bag
+from feedopt_recorder.errors import BagWriteError
 
 DURATION_S = 0.5
 

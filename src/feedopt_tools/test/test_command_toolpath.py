@@ -74,8 +74,8 @@ def test_recording_is_saved_and_hinted_at(program: Path, tmp_path: Path, monkeyp
 def test_picture_by_matplotlib_where_rerun_cannot_draw(
     program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    from feedopt_tools.errors import ViewError
     from feedopt_tools.views import picture
-    from feedopt_tools.views.errors import ViewError
 
     def no_driver(*_: object) -> None:
         raise ViewError("no Vulkan driver")

@@ -13,8 +13,8 @@ import pytest
 
 from feedopt_core.errors import ConfigError
 from feedopt_node.graph import NodeProcess
+from feedopt_tools.errors import NodeDiedError
 from feedopt_tools.execute import processes as processes_module
-from feedopt_tools.execute.errors import NodeDiedError
 from feedopt_tools.execute.processes import GraphProcesses, executable_path
 
 PATIENCE_S = 30.0

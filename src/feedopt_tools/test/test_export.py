@@ -23,8 +23,8 @@ from feedopt_core.programs.moves import LineMoves, ProgramEvent
 from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.bags.run_data import RunData
 from feedopt_tools.command.main import main
+from feedopt_tools.errors import ExportError
 from feedopt_tools.export.chords import chord_deviation_mm, chord_ends_mm
-from feedopt_tools.export.errors import ExportError
 from feedopt_tools.export.gcode import GcodeSettings, write_gcode
 from feedopt_tools.export.joint_trajectory import joint_trajectory_yaml
 from feedopt_tools.export.motion import Motion, motion_of_run

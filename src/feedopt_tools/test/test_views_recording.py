@@ -18,8 +18,8 @@ from recorded_run import motion, write_run
 
 from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.bags.run_data import RunData
+from feedopt_tools.errors import ViewError
 from feedopt_tools.views.colours import feed_colours
-from feedopt_tools.views.errors import ViewError
 from feedopt_tools.views.matplotlib.picture import draw_by_matplotlib
 from feedopt_tools.views.picture import draw_picture
 from feedopt_tools.views.rerun import picture as rerun_picture

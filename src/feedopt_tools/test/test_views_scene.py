@@ -14,7 +14,7 @@ from recorded_run import write_run
 from feedopt_core.programs.moves import ArcMove, LineMoves, NurbsMove
 from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.bags.run_data import RunData, StatusRow
-from feedopt_tools.views.errors import ViewError
+from feedopt_tools.errors import ViewError
 from feedopt_tools.views.matplotlib.style import thinned
 from feedopt_tools.views.pages import CONTOUR, PAGES, PLANNER, page_named
 from feedopt_tools.views.rerun.layout import pages_of

@@ -10,7 +10,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 
 from feedopt_recorder.bags.cdr_layout import TypeDefinitions
-from feedopt_recorder.bags.errors import BagDefinitionError
+from feedopt_recorder.errors import BagDefinitionError
 
 _PRIMITIVES = {"float64": "double", "float32": "float", "bool": "boolean", "byte": "octet", "char": "uint8"}
 

@@ -22,7 +22,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 
 from feedopt_core.arrays import IntArray
-from feedopt_recorder.bags.errors import BagEmptyError, BagForeignError, BagMissingError, BagTruncatedError
+from feedopt_recorder.errors import BagEmptyError, BagForeignError, BagMissingError, BagTruncatedError
 
 MAGIC = b"\x89MCAP0\r\n"
 _FRAME = struct.Struct("<BQ")

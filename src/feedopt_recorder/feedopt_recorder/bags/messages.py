@@ -18,9 +18,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from feedopt_core.arrays import IntArray
 from feedopt_recorder.bags.cdr_layout import NoFixedLayoutError, layout_of
-from feedopt_recorder.bags.errors import BagEmptyError, BagForeignError, BagMissingError, BagTruncatedError
 from feedopt_recorder.bags.mcap_records import McapFile, walk_chunk
 from feedopt_recorder.bags.metadata_yaml import FILE_NAME
+from feedopt_recorder.errors import BagEmptyError, BagForeignError, BagMissingError, BagTruncatedError
 
 RUN_BAG_NAME = "recording"
 """Folder of the bag in the folder of a run."""

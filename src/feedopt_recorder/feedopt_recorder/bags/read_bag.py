@@ -14,9 +14,9 @@ from feedopt_recorder.bags.conversions import (
     status_from_message,
 )
 from feedopt_recorder.bags.definitions import migrated, migration
-from feedopt_recorder.bags.errors import BagEmptyError, BagForeignError
 from feedopt_recorder.bags.messages import BagContents, read_messages
 from feedopt_recorder.bags.run_data import RunData, SampleArrays, SetpointArrays, StateArrays
+from feedopt_recorder.errors import BagEmptyError, BagForeignError
 
 SETPOINTS, STATES = "/axis_setpoint", "/axis_state"
 _TYPES = {
@@ -40,7 +40,7 @@ def read_bag(path: Path, program_id: int | None = None, *, allow_truncated: bool
         allow_truncated: take what is there of a file that was cut off.
 
     Raises:
-        BagMissingError, BagEmptyError, BagForeignError, BagTruncatedError: see :mod:`feedopt_recorder.bags.errors`.
+        BagMissingError, BagEmptyError, BagForeignError, BagTruncatedError: see :mod:`feedopt_recorder.errors`.
         BagDefinitionError: its messages are not those of this version.
         ToolpathError, SolverError: a segment or a chunk that is none.
     """

@@ -14,10 +14,10 @@ from pathlib import Path
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, MetadataIndex
 
-from feedopt_recorder.bags.errors import BagForeignError, BagMissingError, BagTruncatedError
 from feedopt_recorder.bags.mcap_records import MAGIC, Frame, McapFile, walk_chunk
 from feedopt_recorder.bags.mcap_summary import DataIndex, closing_bytes
 from feedopt_recorder.bags.metadata_yaml import BagEntry, TopicEntry, write_metadata
+from feedopt_recorder.errors import BagForeignError, BagMissingError, BagTruncatedError
 
 _MESSAGE_INDEX_HEAD = struct.Struct("<HI")
 

@@ -12,10 +12,10 @@ from rich.table import Table
 
 from feedopt_core.errors import ConfigError
 from feedopt_recorder.bags.check_bag import check_bag
-from feedopt_recorder.bags.errors import BagEmptyError
 from feedopt_recorder.bags.messages import BagContents, bag_files, read_messages
 from feedopt_recorder.bags.metadata_yaml import metadata_findings
 from feedopt_recorder.bags.repair import repair_bag
+from feedopt_recorder.errors import BagEmptyError
 from feedopt_tools.command.exit_codes import FAILURE, OK
 
 

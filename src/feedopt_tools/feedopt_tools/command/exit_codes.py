@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from feedopt_core.errors import ConfigError, FeedoptError, InfeasibleLimitsError, ToolpathError
 from feedopt_node.errors import SecondGraphError
-from feedopt_recorder.bags.errors import BagError, BagWriteError
+from feedopt_recorder.errors import BagError, BagWriteError
 
 OK = 0
 FAILURE = 1

@@ -13,8 +13,8 @@ from feedopt_core.pipeline.plan_program import plan_program
 from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.bags.run_data import RunData
 from feedopt_tools.command.options import machine_option, method_option, planner_parameters, tolerance_option
+from feedopt_tools.errors import ExportError
 from feedopt_tools.execute.execution import BAG_NAME
-from feedopt_tools.export.errors import ExportError
 from feedopt_tools.export.gcode import GcodeSettings, write_gcode
 from feedopt_tools.export.joint_trajectory import joint_trajectory_yaml
 from feedopt_tools.export.motion import Motion, motion_of_plan, motion_of_run

@@ -10,8 +10,8 @@ import rclpy
 import rerun as rr
 
 from feedopt_core.errors import ConfigError
+from feedopt_tools.errors import ViewError
 from feedopt_tools.live.live_node import LiveNode
-from feedopt_tools.views.errors import ViewError
 from feedopt_tools.views.rerun.recording import APPLICATION
 from feedopt_tools.views.rerun.viewer import has_display
 

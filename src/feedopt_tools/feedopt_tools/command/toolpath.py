@@ -20,7 +20,7 @@ from feedopt_core.pipeline.survey import SurveyFigures, survey_figures, survey_p
 from feedopt_core.programs.layers.transitions import LayerTransitions
 from feedopt_tools.command.exit_codes import FAILURE, OK
 from feedopt_tools.command.options import tolerance_option, transition_options
-from feedopt_tools.views.errors import ViewError
+from feedopt_tools.errors import ViewError
 
 if TYPE_CHECKING:
     from feedopt_tools.views.signals.survey_scene import SurveyScene

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import click
 
 from feedopt_core.errors import ConfigError
-from feedopt_recorder.bags.errors import BagForeignError
 from feedopt_recorder.bags.read_bag import read_bag
+from feedopt_recorder.errors import BagForeignError
 from feedopt_tools.command.exit_codes import FAILURE, OK
+from feedopt_tools.errors import ViewError
 from feedopt_tools.execute.execution import BAG_NAME
-from feedopt_tools.views.errors import ViewError
 from feedopt_tools.views.pages import OVER, PAGES, page_named
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from feedopt_msgs.msg import NodeStatus, ProgramLines
 from feedopt_node.graph import load_graph
 from feedopt_node.qos import qos_profile
 from feedopt_node.status import READY_STATES, STATUS_TOPIC
-from feedopt_tools.execute.errors import GoalRefusedError, GraphNotReadyError
+from feedopt_tools.errors import GoalRefusedError, GraphNotReadyError
 from feedopt_tools.execute.line_sender import LineSender
 
 ACTION = "/execute_program"

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from feedopt_core.errors import ConfigError
 from feedopt_node.graph import ONE_THREAD, NodeProcess
-from feedopt_tools.execute.errors import NodeDiedError
+from feedopt_tools.errors import NodeDiedError
 
 _PR_SET_PDEATHSIG = 1
 _LOG_LINES = 8

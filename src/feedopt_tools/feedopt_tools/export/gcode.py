@@ -12,8 +12,8 @@ from feedopt_core.arrays import FloatArray
 from feedopt_core.geometry.segments import SegmentPlace
 from feedopt_core.pipeline.read_program import Program, ProgramKind, read_moves
 from feedopt_core.programs.moves import LineMoves
+from feedopt_tools.errors import ExportError
 from feedopt_tools.export.chords import chord_deviation_mm, chord_ends_mm
-from feedopt_tools.export.errors import ExportError
 from feedopt_tools.export.motion import Motion
 
 LETTERS = "XYZ"

@@ -15,7 +15,7 @@ from feedopt_core.machine.machine_file import Machine
 from feedopt_core.motion.setpoints import InterpolatorParameters
 from feedopt_core.pipeline.plan_program import Plan
 from feedopt_recorder.bags.run_data import RunData
-from feedopt_tools.export.errors import ExportError
+from feedopt_tools.errors import ExportError
 
 _LEAST_STEP_MM = 1e-9
 

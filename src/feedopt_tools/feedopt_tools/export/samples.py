@@ -9,7 +9,7 @@ import numpy as np
 from feedopt_core.arrays import FloatArray, IntArray
 from feedopt_core.motion.setpoints import InterpolatorParameters
 from feedopt_recorder.bags.run_data import RunData
-from feedopt_tools.export.errors import ExportError
+from feedopt_tools.errors import ExportError
 from feedopt_tools.export.motion import Motion
 
 Table = dict[str, FloatArray]

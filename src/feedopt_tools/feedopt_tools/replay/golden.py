@@ -12,8 +12,8 @@ from typing import Any
 import yaml
 
 from feedopt_recorder.bags.messages import bag_files
+from feedopt_tools.errors import GoldenBagError
 from feedopt_tools.replay.comparison import Tolerances
-from feedopt_tools.replay.errors import GoldenBagError
 
 MANIFEST = "manifest.yaml"
 MOST_BYTES = 2_000_000

@@ -11,10 +11,10 @@ import yaml
 from feedopt_node.errors import SecondGraphError
 from feedopt_node.graph import load_graph
 from feedopt_recorder.bags.check_bag import check_bag
+from feedopt_tools.errors import ReplayInputError
 from feedopt_tools.execute.client import ProgramRequest
 from feedopt_tools.execute.domain_lock import DomainLock
 from feedopt_tools.execute.execution import RunEvents, RunOptions, execute_program
-from feedopt_tools.replay.errors import ReplayInputError
 from feedopt_tools.replay.recorded_program import RecordedProgram
 from feedopt_tools.replay.stages import STAGES
 

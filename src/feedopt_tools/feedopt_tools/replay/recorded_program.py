@@ -14,10 +14,10 @@ import yaml
 from feedopt_core.machine.machine_file import Machine, load_machine
 from feedopt_node.parameters import parameters_from_mapping
 from feedopt_recorder.bags.definitions import migrated, migration
-from feedopt_recorder.bags.errors import BagEmptyError, BagForeignError
 from feedopt_recorder.bags.messages import BagContents, TopicMessages, read_messages
+from feedopt_recorder.errors import BagEmptyError, BagForeignError
+from feedopt_tools.errors import ReplayInputError
 from feedopt_tools.replay.columns import Columns, columns_of, columns_of_arrays
-from feedopt_tools.replay.errors import ReplayInputError
 
 P = TypeVar("P")
 IDENTIFIED = ("/toolpath", "/feed_profile", "/axis_setpoint", "/axis_state")

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from feedopt_core.errors import FeedoptError
-from feedopt_recorder.bags.errors import BagError
+from feedopt_recorder.errors import BagError
+from feedopt_tools.errors import ReplayInputError
 from feedopt_tools.replay.columns import Columns
 from feedopt_tools.replay.comparison import IGNORED, Difference, Tolerances, TopicComparison, compare_topic
-from feedopt_tools.replay.errors import ReplayInputError
 from feedopt_tools.replay.recorded_program import RecordedProgram
 from feedopt_tools.replay.stages import STAGES, Stage
 

@@ -10,10 +10,10 @@ from feedopt_core.errors import FeedoptError
 from feedopt_recorder.bags.messages import bag_files
 from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.bags.run_data import RunData
+from feedopt_tools.errors import GoldenBagError
 from feedopt_tools.execute.client import ProgramRequest
 from feedopt_tools.execute.execution import RunOptions
 from feedopt_tools.replay.comparison import Tolerances
-from feedopt_tools.replay.errors import GoldenBagError
 from feedopt_tools.replay.golden import golden_entry, load_manifest, replace_bag
 from feedopt_tools.replay.live import execute_whole
 from feedopt_tools.replay.replay import replay_bag, short_text

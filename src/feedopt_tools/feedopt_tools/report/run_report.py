@@ -14,9 +14,9 @@ from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import ConfigError
 from feedopt_core.motion.certificate import ALLOWED_RATIO
 from feedopt_recorder.bags.check_bag import check_run
+from feedopt_tools.errors import ReportError
 from feedopt_tools.execute.judgement import Judgement, judge_run
 from feedopt_tools.report import html_parts as html
-from feedopt_tools.report.errors import ReportError
 from feedopt_tools.views.matplotlib.picture import figure_of
 from feedopt_tools.views.matplotlib.style import STYLE, png_of
 from feedopt_tools.views.pages import ACTIVE_LIMIT, AXIS_LIMITS, CONTOUR, EVENTS, MOTION, PLANNER, TRACKING, Page

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from feedopt_tools.views.errors import ViewError
+from feedopt_tools.errors import ViewError
 
 OVER = ("time", "arc-length")
 

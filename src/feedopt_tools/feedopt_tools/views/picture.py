@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from feedopt_recorder.bags.run_data import RunData
-from feedopt_tools.views.errors import ViewError
+from feedopt_tools.errors import ViewError
 from feedopt_tools.views.matplotlib.comparison import draw_comparison_by_matplotlib
 from feedopt_tools.views.matplotlib.picture import draw_by_matplotlib
 from feedopt_tools.views.matplotlib.survey import draw_survey_by_matplotlib

@@ -18,7 +18,7 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from feedopt_tools.views.errors import ViewError
+from feedopt_tools.errors import ViewError
 from feedopt_tools.views.rerun.curves import ARC_LENGTH, TIME
 
 WIDTH, HEIGHT = 1600, 900

@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from feedopt_recorder.bags.run_data import RunData
-from feedopt_tools.views.errors import ViewError
+from feedopt_tools.errors import ViewError
 from feedopt_tools.views.pages import MOTION, Page
 from feedopt_tools.views.rerun.drawing import draw_run
 from feedopt_tools.views.rerun.layout import run_layout

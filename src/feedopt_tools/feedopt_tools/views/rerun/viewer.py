@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from feedopt_tools.views.errors import ViewError
+from feedopt_tools.errors import ViewError
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_recorder.bags.run_data import TICK_S
-from feedopt_tools.views.errors import ViewError
+from feedopt_tools.errors import ViewError
 from feedopt_tools.views.signals.limit_use import path_weight_mm
 from feedopt_tools.views.signals.scene import RunScene
 from feedopt_tools.views.signals.signals import RunSignals

@@ -10,7 +10,7 @@ from feedopt_core.arrays import FloatArray
 from feedopt_core.audit.quantities import AxisMotion, control_signal, tracking_error
 from feedopt_core.machine.machine_file import Machine
 from feedopt_recorder.bags.run_data import TICK_S, RunData, SetpointArrays
-from feedopt_tools.views.errors import ViewError
+from feedopt_tools.errors import ViewError
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What can be wrong with a bag."""
+"""What can be wrong with a bag, read or written."""
 
 from __future__ import annotations
 
