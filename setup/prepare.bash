@@ -80,6 +80,7 @@ prepare_workspace() {
 make_venv() {
     local options=()
     choose_python
+    choose_extras
     require_system_packages
     if [[ ! -d $venv ]]; then
         say 'the first use makes .venv (1.3 GB) and builds the workspace; that takes about two minutes'
@@ -89,6 +90,8 @@ make_venv() {
         options=(--system-site-packages)
     fi
     step "making .venv with $("$python" --version)" "$python" -m venv "${options[@]}" "$venv"
+    # Before all that may fail: the next try makes the same.
+    printf '%s\n' "$extras" >"$venv/feedopt-extras"
     step 'installing uv' "$venv/bin/python" -m pip install --disable-pip-version-check -r "$root/requirements/uv.txt"
     step 'installing the Python packages' install_requirements
     printf '%s\n' "${FEEDOPT_PYTHON:-$python}" >"$venv/feedopt-python"
@@ -117,6 +120,18 @@ choose_python() {
         'or name one that is not in PATH: FEEDOPT_PYTHON=/path/to/python3.12 ./feedopt'
 }
 
+# Sets extras: $FEEDOPT_EXTRAS, or what .venv was made with before, or what a desktop and the tests need.
+choose_extras() {
+    extras=view,test
+    if [[ -n ${FEEDOPT_EXTRAS:-} ]]; then
+        extras=$FEEDOPT_EXTRAS
+    elif [[ -f $venv/feedopt-extras ]]; then
+        extras=$(<"$venv/feedopt-extras")
+    fi
+    [[ $extras =~ ^(none|(view|test|bench)(,(view|test|bench))*)$ ]] ||
+        die "FEEDOPT_EXTRAS=$extras cannot be used" 'give none, or some of view, test and bench with commas between'
+}
+
 require_system_packages() {
     local missing=() name tool
     name=$("$python" -c 'import sys; print("python%d.%d" % sys.version_info[:2])')
@@ -140,7 +155,9 @@ install_system_packages() {
 }
 
 install_requirements() {
-    local name files=(runtime test)
+    local name files=(run)
+    # shellcheck disable=SC2206  # one word each
+    [[ $extras == none ]] || files+=(${extras//,/ })
     if [[ $ros_origin == wheels ]]; then
         files+=(ros colcon)
     elif ! "$venv/bin/python" -c 'import colcon_core' 2>/dev/null; then

@@ -6,11 +6,8 @@ Run: ``./feedopt bench peers [--runs N] [--json FILE]``. The first run installs 
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 import os
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -27,13 +24,12 @@ def main(argv: list[str]) -> int:
         parser.error("--runs must be at least 1")
     # Before numpy is loaded, whose BLAS reads these once; the comparison also keeps the process on one core.
     os.environ.update(dict.fromkeys(_THREAD_COUNTS, "1"))
-    from benchmark.peers.comparison import document_of, missing_peers, run_peers, table_of
+    from benchmark.peer_packages import install_missing
+    from benchmark.peers.comparison import PEERS, document_of, run_peers, table_of
     from rich.console import Console
 
     progress = Console(stderr=True)
-    if missing := missing_peers():
-        progress.print(f"installing {', '.join(missing)} ...", highlight=False)
-        _install_peers()
+    install_missing(*PEERS)
     load = os.getloadavg()[0]
     rows = run_peers(
         arguments.runs, lambda row: progress.print(f"{row.case}: {row.planner}, {row.setting}", highlight=False)
@@ -47,16 +43,6 @@ def main(argv: list[str]) -> int:
     if arguments.json:
         arguments.json.write_text(json.dumps(document_of(rows, arguments.runs, load), indent=1) + "\n")
     return 0
-
-
-def _install_peers() -> None:
-    """Install the pinned peers beside feedopt; they are no part of its own set-up. Raises CalledProcessError."""
-    requirements = Path(__file__).resolve().parents[2] / "requirements" / "bench.txt"
-    installer = [sys.executable, "-m", "pip", "install", "--quiet"]
-    if uv := shutil.which("uv"):
-        installer = [uv, "pip", "install", "--quiet", "--python", sys.executable]
-    subprocess.run([*installer, "-r", str(requirements)], check=True)
-    importlib.invalidate_caches()
 
 
 if __name__ == "__main__":

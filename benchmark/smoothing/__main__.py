@@ -2,7 +2,7 @@
 
 Run: ``./feedopt bench smoothing [--chords MM ...] [--decimals N] [--designs NAME ...]``. The run is the fan contour's
 smooth curve, sampled in chords; planned by method lp on machine case_a. What is compared with is the smooth curve
-itself.
+itself. The first run installs what requirements/bench.txt pins.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
+from benchmark.peer_packages import install_missing
 from benchmark.smoothing.designs import DESIGNS, Design, deviation_mm
 from rich.console import Console
 from rich.table import Table
@@ -44,6 +45,7 @@ def main(argv: list[str]) -> int:
     names = [design.name for design in DESIGNS]
     parser.add_argument("--designs", nargs="+", default=names, choices=names, metavar="NAME", help=", ".join(names))
     arguments = parser.parse_args(argv)
+    install_missing("osqp")
     machine = load_machine("case_a")
     smooth = fan_contour()
     table = Table("chords", "design", "spans", "smoothing", "worst deviation", "motion time", "set points", box=None)

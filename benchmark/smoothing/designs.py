@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import osqp
 from benchmark.curves.nurbs_fit import fit_nurbs
 from scipy import sparse
 from scipy.interpolate import BSpline, splprep
@@ -85,6 +84,8 @@ def tube_programme(points_mm: FloatArray, tolerance_mm: float) -> list[NurbsCurv
     half = np.repeat([0.85 * tolerance_mm, _SLIDE * tolerance_mm], len(sites_u))
     for row in (0, len(sites_u) - 1):
         half[[row, row + len(sites_u)]] = 0.0
+    import osqp
+
     solver = osqp.OSQP()
     solver.setup(
         sparse.csc_matrix(sparse.triu(hesse)),

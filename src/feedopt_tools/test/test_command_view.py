@@ -124,13 +124,6 @@ def test_wishes_that_cannot_be_met_are_refused(bag: Path, tmp_path: Path) -> Non
     assert "cannot be written" in refused("report", bag, "--out", tmp_path / "file" / "page.html")
 
 
-def test_viewer_that_is_not_installed_is_named(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    for name in [name for name in sys.modules if name.startswith("feedopt_tools.views.") and "errors" not in name]:
-        monkeypatch.delitem(sys.modules, name)
-    assert "Rerun is not installed: pip install" in refused("view", bag, "--save", tmp_path / "run.rrd")
-
-
 class _Page(HTMLParser):
     """Tags that are open, what is referred to, and the pictures."""
 

@@ -31,7 +31,7 @@ def _oneshot(machine: Machine, knot_spacing_mm: float) -> PlanningMethod:
 
 
 def _thesis(machine: Machine, knot_spacing_mm: float) -> PlanningMethod:
-    # CasADi comes with the benchmarks only, and nothing else of the thesis is needed elsewhere.
+    # No other method needs CasADi, which takes a tenth of a second to import and has no rosdep key.
     from feedopt_core.planner.thesis.method import ThesisMethod
     from feedopt_core.planner.thesis.program import load_casadi
 

@@ -20,8 +20,6 @@ from feedopt_core.planner.methods import make_method
 from feedopt_core.planner.thesis import program as thesis_program
 from feedopt_core.planner.thesis.method import squared
 
-pytest.importorskip("casadi")
-
 SPACING_MM = 2.0
 MACHINE = replace(drive_machine(), acceleration_limit_mm_s2=(float("inf"),) * 2, jerk_limit_mm_s3=(float("inf"),) * 2)
 CURVE = toolpath_of(spline([(0, 0), (3, 2), (7, 1), (10, 4)]))
@@ -131,5 +129,5 @@ def test_long_line_is_run_at_the_feed_limit() -> None:
 
 def test_missing_casadi_is_named_with_the_way_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "casadi", None)
-    with pytest.raises(ConfigError, match=r"needs CasADi.*requirements/bench\.txt"):
+    with pytest.raises(ConfigError, match=r"needs CasADi.*requirements/run\.txt"):
         make_method("thesis", MACHINE, SPACING_MM)

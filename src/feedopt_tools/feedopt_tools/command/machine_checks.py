@@ -14,6 +14,7 @@ from typing import Literal
 
 from feedopt_core.errors import FeedoptError
 from feedopt_node.graph import load_graph
+from feedopt_tools.command.extras import missing_extra
 from feedopt_tools.command.workspace import workspace_root
 from feedopt_tools.execute.domain_lock import DomainLock, domain_id
 from feedopt_tools.execute.processes import executable_path
@@ -99,7 +100,9 @@ def check_real_time() -> Check:
 
 
 def check_pictures() -> Check:
-    """Rerun can draw pictures: the Vulkan loader and a driver."""
+    """Rerun can draw pictures: it is installed, and so are the Vulkan loader and a driver."""
+    if importlib.util.find_spec("rerun") is None:
+        return Check("pictures", "hint", "the extra view is not installed", missing_extra("rerun") or "")
     drivers = [*Path("/usr/share/vulkan/icd.d").glob("*.json"), *Path("/etc/vulkan/icd.d").glob("*.json")]
     if ctypes.util.find_library("vulkan") and drivers:
         return Check("pictures", "ok", f"Vulkan with {len(drivers)} drivers")

@@ -59,7 +59,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> object:
-        """Errors raised on purpose become one message and an exit code."""
+        """Errors raised on purpose, and extras that are not installed, become one message and an exit code."""
         from feedopt_core.errors import FeedoptError
 
         try:
@@ -69,6 +69,15 @@ class LazyGroup(click.Group):
 
             click.echo(f"feedopt: {error}", err=True)
             sys.exit(exit_code(error))
+        except ModuleNotFoundError as error:
+            from feedopt_tools.command.exit_codes import UNUSABLE_INPUT
+            from feedopt_tools.command.extras import missing_extra
+
+            text = missing_extra(error.name or "")
+            if text is None:
+                raise
+            click.echo(f"feedopt: {text}", err=True)
+            sys.exit(UNUSABLE_INPUT)
 
 
 @click.group(cls=LazyGroup, epilog=_EPILOG, context_settings={"help_option_names": ["-h", "--help"]})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import subprocess
 import sys
 import time
@@ -9,6 +10,7 @@ import time
 import click
 
 from feedopt_tools.command.exit_codes import FAILURE
+from feedopt_tools.command.extras import EXTRA_OF_MODULE
 from feedopt_tools.command.workspace import workspace_root
 
 _PYTEST = (sys.executable, "-m", "pytest", "-q")
@@ -25,6 +27,9 @@ STAGES: tuple[tuple[str, tuple[str, ...]], ...] = (
 @click.command()
 def command() -> None:
     """Check style, types and imports, then run the unit tests and the graph tests; stop at the first that fails."""
+    for module in EXTRA_OF_MODULE:
+        if importlib.util.find_spec(module) is None:
+            raise ModuleNotFoundError(f"No module named {module!r}", name=module)
     root = workspace_root()
     for title, stage in STAGES:
         click.secho(f"== {title}", bold=True)

@@ -20,7 +20,6 @@ from feedopt_core.pipeline.survey import SurveyFigures, survey_figures, survey_p
 from feedopt_core.programs.layers.transitions import LayerTransitions
 from feedopt_tools.command.exit_codes import FAILURE, OK
 from feedopt_tools.command.options import tolerance_option, transition_options
-from feedopt_tools.errors import ViewError
 
 if TYPE_CHECKING:
     from feedopt_tools.views.signals.survey_scene import SurveyScene
@@ -63,16 +62,9 @@ def command(
         except OSError as error:
             raise ConfigError(f"{error.filename}: cannot be written: {error.strerror}") from error
     if view or save is not None or screenshot is not None:
-        try:
-            from feedopt_tools.views.signals.survey_scene import survey_scene
+        from feedopt_tools.views.signals.survey_scene import survey_scene
 
-            _show(survey_scene(program.name, survey), view=view, save=save, screenshot=screenshot)
-        except ModuleNotFoundError as error:
-            if (error.name or "").partition(".")[0] not in ("rerun", "pyarrow"):
-                raise
-            raise ViewError(
-                "Rerun is not installed: pip install rerun-sdk, or run ./feedopt once to set it up"
-            ) from error
+        _show(survey_scene(program.name, survey), view=view, save=save, screenshot=screenshot)
     sys.exit(OK if survey.deviation is None or survey.deviation.holds else FAILURE)
 
 

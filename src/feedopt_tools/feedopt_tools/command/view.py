@@ -72,17 +72,12 @@ def command(
     if len(bags) == 2 and page is not None:
         raise ConfigError("--page is of one run; two runs have pages of their own")
     wish = _Wish(tuple(_bag(bag) for bag in bags), program, page, over, drawn_by)
-    try:
-        if screenshot is not None:
-            failures = [failure for picture in _draw(wish, screenshot) for failure in picture.failures]
-            for failure in failures:
-                click.echo(f"view {failure.view}: {failure.text}", err=True)
-            sys.exit(FAILURE if failures else OK)
-        _show(_recording(wish, save), web=web)
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("rerun", "pyarrow"):
-            raise
-        raise ViewError("Rerun is not installed: pip install rerun-sdk, or run ./feedopt once to set it up") from error
+    if screenshot is not None:
+        failures = [failure for picture in _draw(wish, screenshot) for failure in picture.failures]
+        for failure in failures:
+            click.echo(f"view {failure.view}: {failure.text}", err=True)
+        sys.exit(FAILURE if failures else OK)
+    _show(_recording(wish, save), web=web)
 
 
 def _bag(path: Path) -> Path:

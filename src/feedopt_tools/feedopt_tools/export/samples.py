@@ -89,15 +89,8 @@ def write_npz(path: Path, table: Table) -> None:
 
 
 def write_parquet(path: Path, table: Table) -> None:
-    """Write a table as Parquet.
+    """Write a table as Parquet. Raises OSError, or ModuleNotFoundError where pyarrow is not installed."""
+    import pyarrow
+    import pyarrow.parquet
 
-    Raises:
-        ExportError: pyarrow is not installed.
-        OSError: it cannot be written.
-    """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ModuleNotFoundError as error:
-        raise ExportError("Parquet needs pyarrow: pip install pyarrow; or export csv or npz") from error
     pyarrow.parquet.write_table(pyarrow.table(table), path)

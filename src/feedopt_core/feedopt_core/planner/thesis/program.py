@@ -8,7 +8,6 @@ at 1 kHz. The limits are inequalities ``|quantity / limit| <= scale`` at the eva
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -70,12 +69,12 @@ class ProgramSolution:
 def load_casadi() -> Any:
     """The CasADi module. Raises ConfigError where it is not installed."""
     try:
-        return import_module("casadi")
+        import casadi
     except ImportError as error:
         raise ConfigError(
-            "method thesis needs CasADi, which a plain installation leaves out: "
-            "./feedopt env uv pip install -r requirements/bench.txt"
+            "method thesis needs CasADi, which is not installed: pip install -r requirements/run.txt"
         ) from error
+    return casadi
 
 
 class SplineMatrices:
