@@ -1,43 +1,13 @@
-"""Subscriptions that a thread of the node empties itself.
-
-Waking an executor for a message costs 250 us, taking one 40 us: at 1 kHz that decides whether a node keeps up.
-"""
+"""A thread of a node that calls a function at a steady rate, such as one that empties its subscriptions."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable
 
 import rclpy
-from rclpy.callback_groups import CallbackGroup
-from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.subscription import Subscription
 
-
-class PolledGroup(CallbackGroup):
-    """Entities that no executor waits for."""
-
-    def can_execute(self, entity: Any) -> bool:
-        """Never: the node takes the messages itself."""
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        """Never begins."""
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Never called: nothing here is executed."""
-
-
-def take_all(subscription: Subscription) -> Iterator[Any]:
-    """Messages that have arrived, in order."""
-    while True:
-        with subscription.handle:
-            taken = subscription.handle.take_message(subscription.msg_type, False)
-        if taken is None:
-            return
-        yield taken[0]
+from feedopt_node.private_rclpy import RCLError
 
 
 class PollingThread:
@@ -75,5 +45,5 @@ class PollingThread:
                 self._poll()
         except Exception as error:  # noqa: BLE001 (handed on to the node)
             # A signal shuts ROS down at any moment; what the call was about to do with it then fails.
-            if rclpy.ok() or not isinstance(error, rclpy_implementation.RCLError):
+            if rclpy.ok() or not isinstance(error, RCLError):
                 self._failed(error)

@@ -10,11 +10,11 @@ from typing import Any
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from feedopt_core.errors import ConfigError, FeedoptError
 from feedopt_node.errors import SecondGraphError
 from feedopt_node.graph_node import GraphNode
+from feedopt_node.private_rclpy import RCLError
 
 EXIT_OK = 0
 EXIT_FAILURE = 1
@@ -51,7 +51,7 @@ def run_node(factory: Callable[[], GraphNode[Any]], *, threads: int = 1, argumen
             node.life.ended.result()
     except ExternalShutdownException:
         return EXIT_OK
-    except rclpy_implementation.RCLError:
+    except RCLError:
         # The signal came while the executor was between its check and its wait.
         if rclpy.ok():
             raise

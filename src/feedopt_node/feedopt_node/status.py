@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
@@ -16,7 +15,7 @@ from rclpy.task import Future
 from feedopt_msgs.msg import NodeStatus
 from feedopt_node.errors import SecondGraphError
 from feedopt_node.graph import Graph
-from feedopt_node.polling import PolledGroup, take_all
+from feedopt_node.private_rclpy import PolledGroup, RCLError, call_if_due, take_all
 from feedopt_node.qos import qos_profile
 
 STATUS_TOPIC = "/status"
@@ -149,7 +148,7 @@ class NodeLife:
             self._status.stamp = self._node.get_clock().now().to_msg()
             try:
                 self._publisher.publish(self._status)
-            except rclpy_implementation.RCLError:
+            except RCLError:
                 # A signal shuts ROS down at any moment, and threads of the node may be here then.
                 if self._node.context.ok():
                     raise
@@ -182,13 +181,10 @@ class NodeLife:
 
     def poll(self) -> None:
         """Hear the peers, and do what is due; for a node that is not spun for it."""
-        for status in take_all(self._statuses):
+        for status, _ in take_all(self._statuses):
             self._take(status)
         for timer in (self._report_timer, self._match_timer):
-            if not timer.is_canceled() and timer.is_ready():
-                with timer.handle:
-                    timer.handle.call_timer()
-                timer.callback()
+            call_if_due(timer)
 
     def _repeat(self) -> None:
         self.peers.beat()

@@ -19,7 +19,8 @@ from rclpy.subscription import Subscription
 from feedopt_core.errors import FeedoptError
 from feedopt_msgs.msg import NodeStatus
 from feedopt_node.graph_node import GraphNode
-from feedopt_node.polling import PolledGroup, PollingThread
+from feedopt_node.polling import PollingThread
+from feedopt_node.private_rclpy import PolledGroup, take_all
 from feedopt_node.run import EXIT_FAILURE, EXIT_OK, run_node
 from feedopt_recorder.bag_writer import BagWriter, Received
 from feedopt_recorder.errors import BagWriteError
@@ -103,16 +104,13 @@ class RecorderNode(GraphNode[RecorderParameters]):
     def _drain(self) -> None:
         batch = []
         for tap in self._taps:
-            subscription, watch = tap.subscription, tap.watch
-            with subscription.handle:
-                take, kind = subscription.handle.take_message, subscription.msg_type
-                while (taken := take(kind, True)) is not None:
-                    payload, info = taken
-                    number = info["publication_sequence_number"] or 0
-                    watch.add(payload, number)
-                    batch.append(
-                        Received(info["received_timestamp"], info["source_timestamp"], watch.topic, payload, number)
-                    )
+            watch = tap.watch
+            for payload, info in take_all(tap.subscription, raw=True):
+                number = info["publication_sequence_number"] or 0
+                watch.add(payload, number)
+                batch.append(
+                    Received(info["received_timestamp"], info["source_timestamp"], watch.topic, payload, number)
+                )
         batch.sort()
         self._writer.write(batch)
 

@@ -15,7 +15,8 @@ from feedopt_msgs.msg import AxisSetpoint, AxisState, NodeStatus
 from feedopt_node.faults import fault_text
 from feedopt_node.graph_node import GraphNode
 from feedopt_node.parameters import MachineNodeParameters, parameter
-from feedopt_node.polling import PolledGroup, PollingThread, take_all
+from feedopt_node.polling import PollingThread
+from feedopt_node.private_rclpy import PolledGroup, take_all
 from feedopt_node.run import run_node
 from feedopt_node.sequence import SequenceCheck
 from router_sim.conversions import fill_joint_state, fill_state, setpoint_rows
@@ -64,7 +65,7 @@ class RouterSimNode(GraphNode[RouterSimNodeParameters]):
         self._polling.close()
 
     def _poll(self) -> None:
-        for setpoint in take_all(self._setpoints):
+        for setpoint, _ in take_all(self._setpoints):
             self._take_setpoint(setpoint)
 
     def _end(self, error: Exception) -> None:

@@ -15,7 +15,7 @@ from rosbags.typesys import get_types_from_msg
 from feedopt_node.conversions import chunk_from_message, machine_from_message
 from feedopt_node.graph import load_graph
 from feedopt_node.graph_node import interface_class
-from feedopt_node.polling import PolledGroup, take_all
+from feedopt_node.private_rclpy import PolledGroup, take_all
 from feedopt_node.qos import qos_profile
 from feedopt_recorder.bags.conversions import setpoints_from_topic, states_from_topic, status_from_message
 from feedopt_recorder.bags.messages import TopicMessages
@@ -49,9 +49,12 @@ class LiveNode(Node):
 
     def draw(self) -> None:
         """Draw what has come since the last call."""
-        for message in take_all(self._machine):
+        for message, _ in take_all(self._machine):
             self._begin(LiveDrawing(self._recording, machine_from_message(message)))
-        batches = {name: _payloads(subscription) for name, subscription in self._raw.items()}
+        batches = {
+            name: [payload for payload, _ in take_all(subscription, raw=True)]
+            for name, subscription in self._raw.items()
+        }
         drawing = self._drawing
         if drawing is None:
             # Without the machine nobody knows the axes; it is latched and comes first.
@@ -62,9 +65,9 @@ class LiveNode(Node):
             self.drawn_setpoints += len(setpoints)
         if batches[_STATES]:
             drawing.add_states(states_from_topic(self._topic(_STATES, batches[_STATES])))
-        for message in take_all(self._chunks):
+        for message, _ in take_all(self._chunks):
             drawing.add_chunk(chunk_from_message(message))
-        for message in take_all(self._statuses):
+        for message, _ in take_all(self._statuses):
             drawing.add_status(status_from_message(message, self.get_clock().now().nanoseconds))
         if time.monotonic() >= self._path_due_s:
             self._path_due_s = time.monotonic() + _PATH_EVERY_S
@@ -102,12 +105,3 @@ class LiveNode(Node):
         now_ns = np.full(len(payloads), self.get_clock().now().nanoseconds, dtype=np.int64)
         block = np.frombuffer(b"".join(payloads), dtype=np.uint8).reshape(len(payloads), -1)
         return TopicMessages(name, self._graph.topics[name].type, self._definitions[name], now_ns, now_ns, [block])
-
-
-def _payloads(subscription: Subscription) -> list[bytes]:
-    taken = list[bytes]()
-    with subscription.handle:
-        take, kind = subscription.handle.take_message, subscription.msg_type
-        while (message := take(kind, True)) is not None:
-            taken.append(message[0])
-    return taken
