@@ -28,6 +28,7 @@ from rosbags.highlevel import AnyReader
 
 from feedopt_node.graph import load_graph
 from feedopt_recorder.bags.repair import repair_bag
+from feedopt_recorder.run_folder import SUMMARY_NAME
 
 TOPICS = tuple(f"/load_{number}" for number in range(1, 5))
 PERIOD_S = 0.001
@@ -115,7 +116,7 @@ def record(source: Source, prefix: Path, bag: Path, seconds: float) -> dict[str,
         process.wait()
     if process.returncode:
         raise RuntimeError(f"the recorder ended with exit code {process.returncode}: {errors}")
-    summary: dict[str, Any] = json.loads((bag / "recorder_summary.json").read_text(encoding="utf-8"))
+    summary: dict[str, Any] = json.loads((bag / SUMMARY_NAME).read_text(encoding="utf-8"))
     return summary
 
 

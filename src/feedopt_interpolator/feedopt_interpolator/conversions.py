@@ -5,10 +5,9 @@ from __future__ import annotations
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from feedopt_core.motion.setpoints import SetpointBlock
+from feedopt_core.units import NS_PER_S
 from feedopt_msgs.msg import AxisSetpoint
 from feedopt_node.conversions import doubles, time_message
-
-_NANOSECONDS = 1_000_000_000
 
 
 class SetpointRows:
@@ -43,8 +42,8 @@ class SetpointRows:
 
 def stamp(message: AxisSetpoint, due_ns: int) -> None:
     """Write the wall-clock time a set point was due, ns since the epoch, without making a new stamp."""
-    message.stamp.sec = due_ns // _NANOSECONDS
-    message.stamp.nanosec = due_ns % _NANOSECONDS
+    message.stamp.sec = due_ns // NS_PER_S
+    message.stamp.nanosec = due_ns % NS_PER_S
 
 
 def diagnostics(figures: dict[str, str], now_ns: int) -> DiagnosticArray:

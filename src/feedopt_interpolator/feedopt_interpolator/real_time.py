@@ -6,9 +6,10 @@ import ctypes
 import errno
 import os
 
+from feedopt_core.units import NS_PER_S
+
 _CLOCK_MONOTONIC = 1
 _TIMER_ABSTIME = 1
-_NANOSECONDS = 1_000_000_000
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
@@ -21,7 +22,7 @@ def sleep_until(deadline_ns: int) -> None:
 
     The deadline is absolute, so lateness of one tick never adds up to the next. The interpreter lock is free meanwhile.
     """
-    deadline = _Timespec(*divmod(deadline_ns, _NANOSECONDS))
+    deadline = _Timespec(*divmod(deadline_ns, NS_PER_S))
     while True:
         code = _LIBC.clock_nanosleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(deadline), None)
         if code == 0:

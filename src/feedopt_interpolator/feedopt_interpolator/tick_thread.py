@@ -13,6 +13,7 @@ import numpy as np
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 
+from feedopt_core.units import NS_PER_S
 from feedopt_interpolator.conversions import SetpointRows, stamp
 from feedopt_interpolator.program_motion import ProgramMotion
 from feedopt_interpolator.real_time import request_real_time_priority, sleep_until
@@ -79,7 +80,7 @@ class TickThread:
         self.missed_ticks = 0
         self.priority_remark = ""
         self._publisher = publisher
-        self._period_ns = round(period_s * 1e9)
+        self._period_ns = round(period_s * NS_PER_S)
         self._priority = priority
         self._events = events
         self._motion: ProgramMotion | None = None
@@ -162,11 +163,11 @@ class TickThread:
                 current.fill(row, message)
                 stamp(message, deadline_ns + wall_offset_ns)
                 message.sequence = self.sequence + 1
-                message.lateness_s = late_ns * 1e-9
+                message.lateness_s = late_ns / NS_PER_S
                 self._publisher.publish(message)
                 self.sequence += 1
                 self.s_mm = message.s_mm
-                lateness.values_s.append(late_ns * 1e-9)
+                lateness.values_s.append(late_ns / NS_PER_S)
                 if late_ns >= self._period_ns:
                     self.missed_ticks += 1
                     lateness.missed_ticks += 1

@@ -22,10 +22,10 @@ from feedopt_core.machine.machine_file import DriveModel, Machine, TrackingModel
 from feedopt_core.motion.certificate import Certificate
 from feedopt_core.motion.chunk import Chunk, SolverFigures
 from feedopt_core.motion.profile import FeedProfile
+from feedopt_core.units import NS_PER_S
 from feedopt_msgs.msg import FeedProfileChunk, ToolpathSegment
 from feedopt_msgs.msg import Machine as MachineMessage
 
-_NANOSECONDS = 1_000_000_000
 _PROFILE_FIELDS = ("s_mm", "q_mm2_s2", "dq_ds_mm_s2", "d2q_ds2_per_s2", "jerk_mm_s3")
 _CERTIFICATE_ROWS = (
     "max_velocity_mm_s",
@@ -49,12 +49,12 @@ _Model = TypeVar("_Model", DriveModel, TrackingModel)
 
 def time_message(nanoseconds: int) -> Time:
     """Wall-clock nanoseconds since the epoch as a stamp."""
-    return Time(sec=nanoseconds // _NANOSECONDS, nanosec=nanoseconds % _NANOSECONDS)
+    return Time(sec=nanoseconds // NS_PER_S, nanosec=nanoseconds % NS_PER_S)
 
 
 def nanoseconds(stamp: Time) -> int:
     """Stamp as wall-clock nanoseconds since the epoch."""
-    return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def doubles(values: FloatArray) -> array[float]:

@@ -27,10 +27,10 @@ from feedopt_recorder.errors import BagWriteError
 from feedopt_recorder.message_schemas import MessageSchemas, ament_share_directories
 from feedopt_recorder.parameters import RecorderParameters
 from feedopt_recorder.provenance import read_provenance, versions
+from feedopt_recorder.run_folder import SUMMARY_NAME
 from feedopt_recorder.sequence_watch import RecorderSummary, SequenceWatch, has_identity
 
 NODE_NAME = "recorder"
-SUMMARY_NAME = "recorder_summary.json"
 _GAPS_PRINTED = 5
 # What comes while the disk or another process holds the recorder up waits here: topics for display keep ten alone.
 _QUEUE_DEPTH = 1000

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
+from feedopt_core.units import NS_PER_S
 from feedopt_recorder.bags.messages import TopicMessages
 from feedopt_recorder.bags.run_data import SetpointArrays, StateArrays, StatusRow
-
-_NANOSECONDS = 1_000_000_000
 
 
 def setpoints_from_topic(topic: TopicMessages) -> SetpointArrays:
     """Set points of ``/axis_setpoint``. Raises BagForeignError where the messages do not share one layout."""
     columns = topic.columns()
-    stamp_ns = columns.pop("stamp.sec").astype("i8") * _NANOSECONDS + columns.pop("stamp.nanosec")
+    stamp_ns = columns.pop("stamp.sec").astype("i8") * NS_PER_S + columns.pop("stamp.nanosec")
     return SetpointArrays(stamp_ns=stamp_ns, received_ns=topic.log_ns, **columns)
 
 
 def states_from_topic(topic: TopicMessages) -> StateArrays:
     """States of ``/axis_state``. Raises BagForeignError where the messages do not share one layout."""
     columns = topic.columns()
-    stamp_ns = columns.pop("stamp.sec").astype("i8") * _NANOSECONDS + columns.pop("stamp.nanosec")
+    stamp_ns = columns.pop("stamp.sec").astype("i8") * NS_PER_S + columns.pop("stamp.nanosec")
     return StateArrays(stamp_ns=stamp_ns, received_ns=topic.log_ns, **columns)
 
 

@@ -21,9 +21,7 @@ from feedopt_recorder.bags.cdr_layout import NoFixedLayoutError, layout_of
 from feedopt_recorder.bags.mcap_records import McapFile, walk_chunk
 from feedopt_recorder.bags.metadata_yaml import FILE_NAME
 from feedopt_recorder.errors import BagEmptyError, BagForeignError, BagMissingError, BagTruncatedError
-
-RUN_BAG_NAME = "recording"
-"""Folder of the bag in the folder of a run."""
+from feedopt_recorder.run_folder import BAG_NAME
 
 
 @dataclass
@@ -148,8 +146,8 @@ def bag_files(path: Path) -> list[Path]:
     """
     if path.is_file():
         return [path]
-    if not (path / FILE_NAME).is_file() and (path / RUN_BAG_NAME).is_dir():
-        path = path / RUN_BAG_NAME
+    if not (path / FILE_NAME).is_file() and (path / BAG_NAME).is_dir():
+        path = path / BAG_NAME
     if not path.is_dir():
         raise BagMissingError(f"{path}: no such bag")
     listed: list[str] = []

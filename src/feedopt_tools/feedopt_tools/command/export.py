@@ -12,9 +12,9 @@ from feedopt_core.machine.machine_file import load_machine
 from feedopt_core.pipeline.plan_program import plan_program
 from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.bags.run_data import RunData
+from feedopt_recorder.run_folder import BAG_NAME, bag_of
 from feedopt_tools.command.options import machine_option, method_option, planner_parameters, tolerance_option
 from feedopt_tools.errors import ExportError
-from feedopt_tools.execute.execution import BAG_NAME
 from feedopt_tools.export.gcode import GcodeSettings, write_gcode
 from feedopt_tools.export.joint_trajectory import joint_trajectory_yaml
 from feedopt_tools.export.motion import Motion, motion_of_plan, motion_of_run
@@ -64,7 +64,7 @@ def command(
 
     Machine, method and smoothing tolerance are of a program that is planned; a bag has its own.
     """
-    bag = source / BAG_NAME if (source / BAG_NAME).is_dir() else source
+    bag = bag_of(source)
     run = read_bag(bag, program) if bag.is_dir() or bag.suffix == ".mcap" else None
     stem = source.parent.name if source.name == BAG_NAME else source.stem
     path = out or Path(f"{stem}_{kind.replace('-', '_')}{_ENDINGS[kind]}")

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from feedopt_recorder.bags.read_bag import read_bag
-from feedopt_tools.execute.execution import BAG_NAME
+from feedopt_recorder.run_folder import bag_of
 from feedopt_tools.report.run_report import write_report
 from feedopt_tools.views.signals.scene import scene_of
 
@@ -18,7 +18,7 @@ from feedopt_tools.views.signals.scene import scene_of
 @click.option("--program", type=int, help="Program of the bag; without it, the last one.")
 def command(bag: Path, out: Path | None, program: int | None) -> None:
     """Write one self-contained HTML page about BAG: times, limits, tracking, planner, events, where it comes from."""
-    folder = bag / BAG_NAME if (bag / BAG_NAME).is_dir() else bag
+    folder = bag_of(bag)
     scene = scene_of(read_bag(folder, program, allow_truncated=True))
     path = out or (folder if folder.is_dir() else folder.parent) / "report.html"
     write_report(scene, path)

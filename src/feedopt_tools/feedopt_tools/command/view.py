@@ -13,9 +13,9 @@ import click
 from feedopt_core.errors import ConfigError
 from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.errors import BagForeignError
+from feedopt_recorder.run_folder import bag_of
 from feedopt_tools.command.exit_codes import FAILURE, OK
 from feedopt_tools.errors import ViewError
-from feedopt_tools.execute.execution import BAG_NAME
 from feedopt_tools.views.pages import OVER, PAGES, page_named
 
 if TYPE_CHECKING:
@@ -71,17 +71,13 @@ def command(
         raise ConfigError(f"{len(bags)} bags were given; one is shown, or two beside each other")
     if len(bags) == 2 and page is not None:
         raise ConfigError("--page is of one run; two runs have pages of their own")
-    wish = _Wish(tuple(_bag(bag) for bag in bags), program, page, over, drawn_by)
+    wish = _Wish(tuple(bag_of(bag) for bag in bags), program, page, over, drawn_by)
     if screenshot is not None:
         failures = [failure for picture in _draw(wish, screenshot) for failure in picture.failures]
         for failure in failures:
             click.echo(f"view {failure.view}: {failure.text}", err=True)
         sys.exit(FAILURE if failures else OK)
     _show(_recording(wish, save), web=web)
-
-
-def _bag(path: Path) -> Path:
-    return path / BAG_NAME if (path / BAG_NAME).is_dir() else path
 
 
 def _scene(bag: Path, program: int | None) -> RunScene:

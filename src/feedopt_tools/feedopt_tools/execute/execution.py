@@ -16,12 +16,12 @@ from feedopt_node.errors import SecondGraphError
 from feedopt_node.graph import ParameterValue, load_graph
 from feedopt_node.run import EXIT_SECOND_GRAPH
 from feedopt_recorder.provenance import collect_provenance, write_provenance
+from feedopt_recorder.run_folder import BAG_NAME
 from feedopt_tools.errors import NodeDiedError
 from feedopt_tools.execute.client import GraphClient, ProgramOutcome, ProgramRequest, Progress
 from feedopt_tools.execute.domain_lock import DomainLock, domain_id
 from feedopt_tools.execute.processes import GraphProcesses
 
-BAG_NAME = "recording"
 LOGS_NAME = "logs"
 
 

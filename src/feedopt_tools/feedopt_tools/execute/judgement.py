@@ -14,9 +14,8 @@ from feedopt_core.errors import ConfigError
 from feedopt_core.motion.certificate import AuditReport
 from feedopt_recorder.bags.check_bag import Finding, check_run
 from feedopt_recorder.bags.run_data import TICK_S, RunData
+from feedopt_recorder.run_folder import SUMMARY_NAME
 from feedopt_tools.views.signals.signals import Quantity, signals_of
-
-_RECORDER_SUMMARY = "recorder_summary.json"
 
 
 @dataclass(frozen=True)
@@ -125,8 +124,8 @@ def _extremes(values: FloatArray | None, axis: int) -> tuple[float, float]:
 def _recorder_figures(bag: Path) -> tuple[int, float]:
     folder = bag if bag.is_dir() else bag.parent
     try:
-        document = json.loads((folder / _RECORDER_SUMMARY).read_text(encoding="utf-8"))
+        document = json.loads((folder / SUMMARY_NAME).read_text(encoding="utf-8"))
         messages = sum(int(topic["messages"]) for topic in document["topics"].values())
         return messages, float(document["cpu_share_ratio"])
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{folder / _RECORDER_SUMMARY}: cannot be read: {error}") from error
+        raise ConfigError(f"{folder / SUMMARY_NAME}: cannot be read: {error}") from error

@@ -5,11 +5,11 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable
 
+from feedopt_core.units import NS_PER_S
 from feedopt_tools.export.motion import Motion
 from feedopt_tools.export.samples import rows_every
 
 _METRES = 1e-3
-_NANOSECONDS = 1_000_000_000
 
 
 def joint_trajectory_yaml(motion: Motion, period_s: float) -> str:
@@ -24,9 +24,9 @@ def joint_trajectory_yaml(motion: Motion, period_s: float) -> str:
     text = io.StringIO()
     text.write("header:\n  stamp: {sec: 0, nanosec: 0}\n  frame_id: ''\n")
     text.write(f"joint_names: [{', '.join(_quoted(name) for name in motion.machine.axis_names)}]\npoints:\n")
-    period_ns = round((motion.t_s[1] - motion.t_s[0]) * _NANOSECONDS / max(int(motion.tick[1] - motion.tick[0]), 1))
+    period_ns = round((motion.t_s[1] - motion.t_s[0]) * NS_PER_S / max(int(motion.tick[1] - motion.tick[0]), 1))
     for row in rows.tolist():
-        seconds, nanoseconds = divmod(int(motion.tick[row] - motion.tick[0]) * period_ns, _NANOSECONDS)
+        seconds, nanoseconds = divmod(int(motion.tick[row] - motion.tick[0]) * period_ns, NS_PER_S)
         text.write(f"- positions: {_row(motion.position_mm[row])}\n")
         text.write(f"  velocities: {_row(motion.velocity_mm_s[row])}\n")
         text.write(f"  accelerations: {_row(motion.acceleration_mm_s2[row])}\n")

@@ -13,6 +13,7 @@ import numpy as np
 from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import ConfigError
 from feedopt_core.motion.certificate import ALLOWED_RATIO
+from feedopt_core.units import NS_PER_S
 from feedopt_recorder.bags.check_bag import check_run
 from feedopt_tools.errors import ReportError
 from feedopt_tools.execute.judgement import Judgement, judge_run
@@ -81,7 +82,7 @@ class _Report:
 
     def _head(self) -> Iterator[str]:
         run, signals = self.run, self.signals
-        began = datetime.fromtimestamp(int(run.setpoints.stamp_ns[0]) / 1e9, tz=UTC)
+        began = datetime.fromtimestamp(int(run.setpoints.stamp_ns[0]) / NS_PER_S, tz=UTC)
         machine = run.machine.name if run.machine else "unknown machine"
         yield html.heading(run.title, 1)
         yield html.paragraph(f"on {machine}, {began:%Y-%m-%d %H:%M:%S} UTC, program {run.program_id}", "soft")

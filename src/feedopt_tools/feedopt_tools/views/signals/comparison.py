@@ -8,6 +8,7 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_recorder.bags.run_data import TICK_S
+from feedopt_recorder.run_folder import BAG_NAME
 from feedopt_tools.errors import ViewError
 from feedopt_tools.views.signals.limit_use import path_weight_mm
 from feedopt_tools.views.signals.scene import RunScene
@@ -179,7 +180,7 @@ def _both(
 def _names(first: RunScene, second: RunScene) -> tuple[str, str]:
     """Titles where they differ, else planning methods, else folders, else first and second."""
     runs = first.signals.run, second.signals.run
-    folders = [run.path.parent.name if run.path.name == "recording" else run.path.name for run in runs]
+    folders = [run.path.parent.name if run.path.name == BAG_NAME else run.path.name for run in runs]
     methods = [run.chunks[0].figures.method if run.chunks else "" for run in runs]
     for names in ([run.title for run in runs], methods, folders):
         if names[0] != names[1] and all(names):

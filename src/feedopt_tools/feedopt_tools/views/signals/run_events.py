@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
+from feedopt_core.units import NS_PER_S
 from feedopt_recorder.bags.check_bag import check_run
 from feedopt_recorder.bags.run_data import TICK_S, StatusRow
 from feedopt_tools.views.signals.signals import RunSignals
@@ -15,7 +16,6 @@ from feedopt_tools.views.signals.signals import RunSignals
 # The numbers are those of NodeStatus.
 STATES = ("STARTING", "READY", "RUNNING", "DONE", "FAULT")
 _FAULT = 4
-_NANOSECONDS = 1e9
 _MANY = 500
 _APART_TICKS = 200
 
@@ -70,8 +70,8 @@ def node_states(signals: RunSignals) -> tuple[NodeState, ...]:
 def motion_time_of(signals: RunSignals, received_ns: int) -> float:
     """Motion time at a wall-clock time, kept inside the recorded motion."""
     setpoints = signals.run.setpoints
-    zero_ns = int(setpoints.stamp_ns[0]) - round(float(setpoints.tick[0]) * TICK_S * _NANOSECONDS)
-    t_s = (received_ns - zero_ns) / _NANOSECONDS
+    zero_ns = int(setpoints.stamp_ns[0]) - round(float(setpoints.tick[0]) * TICK_S * NS_PER_S)
+    t_s = (received_ns - zero_ns) / NS_PER_S
     return float(np.clip(t_s, signals.t_s[0], signals.t_s[-1]))
 
 
