@@ -1,1 +1,1 @@
-"""Plans and runs for other tools: G-code with feeds for existing controllers, set points, trajectories, states."""
+"""Exports plans and runs: G-code with feeds for existing controllers, set points, trajectories, states."""

@@ -1,4 +1,4 @@
-"""A path as straight chords: short enough for a tolerance, and for a feed that changes along the path."""
+"""Divides a path into straight chords, by a tolerance and by the changes of the feed."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def chord_ends_mm(toolpath: Toolpath, tolerance_mm: float, longest_mm: float) ->
     for first, last in zip([start_mm, *joints], [*joints, end_mm], strict=True):
         count = max(2, int(np.ceil((last - first) / longest_mm)) * _SAMPLES_A_CHORD)
         s = np.linspace(first, last, count + 1)
-        # At a joint the curvature is that of the segment behind it: look a little before.
+        # At a joint the path has the curvature of the next segment: sample just before it.
         inside = np.minimum(s, last - _INSIDE_RATIO * (last - first))
         curvature = np.linalg.norm(toolpath.evaluate(inside).d2r_ds2, axis=1)
-        # Chords a millimetre; the larger neighbour counts, so that no bend falls between two samples.
+        # Chords per millimetre. The larger of two neighbours counts, so that no bend is missed between samples.
         density = np.maximum(1.0 / longest_mm, np.sqrt(curvature / (8.0 * _SPARE * tolerance_mm)))
         steps = np.diff(s) * np.maximum(density[:-1], density[1:])
         count_at = np.concatenate([[0.0], np.cumsum(steps)])
@@ -43,7 +43,7 @@ def chord_ends_mm(toolpath: Toolpath, tolerance_mm: float, longest_mm: float) ->
 
 
 def chord_deviation_mm(toolpath: Toolpath, ends_mm: FloatArray, points_mm: FloatArray) -> float:
-    """Largest distance of the path from its chords, measured at seven places of each.
+    """Largest distance of the path from its chords, measured at seven points of each.
 
     Args:
         toolpath: the path.

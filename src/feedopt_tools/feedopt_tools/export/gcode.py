@@ -1,4 +1,4 @@
-"""G-code with the optimised feeds, for controllers that know nothing of the plan: a chord a line, with its feed."""
+"""G-code with the optimised feeds for existing controllers: one chord per line, with its feed."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class GcodeSettings:
 
     Attributes:
         tolerance_mm: largest distance of a chord from the path.
-        longest_chord_mm: longest chord: how finely the feed follows the plan.
-        feed_step_mm_min: feeds are rounded down to multiples of it; smaller ones stay as they are.
-        inverse_time: feeds as G93 (moves a minute) instead of G94 (mm a minute).
+        longest_chord_mm: longest chord; shorter chords follow the planned feed more closely.
+        feed_step_mm_min: feeds are rounded down to multiples of it; feeds below one step are not rounded.
+        inverse_time: feeds as G93 (moves per minute) instead of G94 (mm per minute).
         decimals: of coordinates.
     """
 
@@ -42,15 +42,15 @@ class GcodeSettings:
 
 @dataclass(frozen=True)
 class Gcode:
-    """A written program, with what reading it back showed.
+    """A written program and the figures found by reading it back.
 
     Attributes:
         lines: without newlines.
         chords: number of moves.
         deviation_mm: largest distance of the path from the moves that were read back.
-        planned_s: time of the motion, waiting not included.
-        written_s: the same by the feeds that were read back, each reached at once.
-        blocks_a_second: largest number of moves that the controller has to take in a second.
+        planned_s: motion time without dwells.
+        written_s: time at the feeds that were read back, without acceleration.
+        blocks_a_second: largest number of moves per second that the controller must process.
     """
 
     lines: tuple[str, ...]
@@ -63,7 +63,7 @@ class Gcode:
 
 @dataclass(frozen=True)
 class _Chords:
-    """Chords as they are written: ends (n + 1), the rest a chord (n)."""
+    """Chords as written: ends_mm and points_mm have n + 1 rows, the others n."""
 
     ends_mm: FloatArray
     points_mm: FloatArray
@@ -75,7 +75,7 @@ def write_gcode(motion: Motion, settings: GcodeSettings) -> Gcode:
     """Write a motion as G-code, and check it by reading it back.
 
     Raises:
-        ExportError: settings that make no sense, or the program read back is not the motion.
+        ExportError: a setting is out of range, or the program read back differs from the motion.
     """
     for name in ("tolerance_mm", "longest_chord_mm", "feed_step_mm_min"):
         if not 0.0 < getattr(settings, name) < math.inf:
@@ -94,7 +94,7 @@ def _chords_of(motion: Motion, settings: GcodeSettings) -> _Chords:
         )
     ends = chord_ends_mm(motion.toolpath, settings.tolerance_mm - resolution_mm, settings.longest_chord_mm)
     points = np.round(motion.toolpath.evaluate(ends).r_mm, settings.decimals) + 0.0
-    # Ends that fall on one written point are one.
+    # Ends that round to the same point become one.
     keep = np.concatenate([[True], np.any(np.diff(points, axis=0) != 0.0, axis=1)])
     keep[-1] = True
     ends, points = ends[keep], points[keep]
@@ -106,7 +106,7 @@ def _chords_of(motion: Motion, settings: GcodeSettings) -> _Chords:
 
 
 def _lines(motion: Motion, settings: GcodeSettings, chords: _Chords) -> Iterator[str]:
-    feeds = "G93, moves a minute" if settings.inverse_time else "G94, mm a minute"
+    feeds = "G93, moves per minute" if settings.inverse_time else "G94, mm per minute"
     yield f"(feedopt: {_comment(motion.name)} on {_comment(motion.machine.name)})"
     yield f"(chords within {settings.tolerance_mm:g} mm of the smoothed path, at most {settings.longest_chord_mm:g} mm)"
     yield f"(planned motion time {motion.t_s[-1]:.3f} s; feeds in {feeds})"
@@ -123,7 +123,7 @@ def _lines(motion: Motion, settings: GcodeSettings, chords: _Chords) -> Iterator
             continue
         wanted_mode = "G0" if place.rapid else "G1"
         wanted_feed = "" if place.rapid else _feed_word(settings, float(lengths[k]), float(chords.times_s[k]))
-        # Inverse time is of one move alone: it is never left standing.
+        # An inverse-time feed holds for one move only: write it on every line.
         shown = wanted_feed if wanted_feed and (settings.inverse_time or wanted_feed != feed) else ""
         yield " ".join(filter(None, (wanted_mode if wanted_mode != mode else "", words, shown)))
         mode, feed = wanted_mode, wanted_feed or feed
@@ -134,7 +134,7 @@ def _lines(motion: Motion, settings: GcodeSettings, chords: _Chords) -> Iterator
 
 
 def _between(before: SegmentPlace | None, place: SegmentPlace) -> Iterator[str]:
-    """Dwell behind a segment, and the words that take effect before the next."""
+    """Dwell after a segment, and the words that take effect before the next one."""
     if before is not None and before.dwell_s > 0.0:
         yield f"G4 P{before.dwell_s:g}"
     for text in place.events:
@@ -146,12 +146,12 @@ def _feed_word(settings: GcodeSettings, length_mm: float, time_s: float) -> str:
     if settings.inverse_time:
         return f"F{_SECONDS_A_MINUTE / time_s:.6g}"
     feed, step = _SECONDS_A_MINUTE * length_mm / time_s, settings.feed_step_mm_min
-    # Less than a step, close to rest, is written as it is: a step up would be faster than planned.
+    # Feeds below one step are not rounded: rounding up would be faster than planned.
     return f"F{step * math.floor(feed / step):.10g}" if feed >= step else f"F{feed:.3g}"
 
 
 def _words(point_mm: FloatArray, before_mm: FloatArray | None, decimals: int) -> str:
-    """Coordinates of a point, those alone that change."""
+    """Words of the coordinates that change."""
     words = []
     for i, value in enumerate(point_mm.tolist()):
         if before_mm is None or value != before_mm[i]:
@@ -164,7 +164,7 @@ def _comment(text: str) -> str:
 
 
 def _read_back(motion: Motion, settings: GcodeSettings, chords: _Chords, lines: tuple[str, ...]) -> Gcode:
-    """Read the program as any reader would, and compare it with the path and the times of the motion."""
+    """Read the written program and compare it with path and times of the motion."""
     points, feeds, rapid = list[FloatArray](), list[FloatArray](), list[FloatArray]()
     for move in read_moves(Program(ProgramKind.GCODE, lines), "the exported program"):
         if isinstance(move, LineMoves):
@@ -173,11 +173,11 @@ def _read_back(motion: Motion, settings: GcodeSettings, chords: _Chords, lines: 
             rapid.append(np.full(len(move.feed_mm_s), move.rapid))
     dimensions = chords.points_mm.shape[1]
     read_mm = np.vstack(points)[:, :dimensions]
-    # The first move goes to the start; where that is the origin already, there is none.
+    # The first move goes to the start; it is missing if the start is the origin.
     written_mm = chords.points_mm[1:]
     read_mm, feed_mm_s = read_mm[-len(written_mm) :], np.concatenate(feeds)[-len(written_mm) :]
     if read_mm.shape != written_mm.shape or not np.allclose(read_mm, written_mm, rtol=0.0, atol=1e-9):
-        raise ExportError("the exported program was not read back as it was written; please report this")
+        raise ExportError("the exported program reads back with other moves than were written; please report this")
     path_mm = np.vstack([chords.points_mm[:1], read_mm])
     deviation_mm = chord_deviation_mm(motion.toolpath, chords.ends_mm, path_mm)
     if deviation_mm > settings.tolerance_mm * (1.0 + 1e-6):
@@ -199,7 +199,7 @@ def _read_back(motion: Motion, settings: GcodeSettings, chords: _Chords, lines: 
 
 
 def _most_in_a_second(times_s: FloatArray) -> float:
-    """Largest number of moves that end within one tenth of a second, a second."""
+    """Largest number of moves per second, over windows of a tenth of a second."""
     ends_s = np.cumsum(times_s)
     window_s = min(0.1, float(ends_s[-1]))
     counts = np.searchsorted(ends_s, ends_s + window_s) - np.arange(len(ends_s))

@@ -1,4 +1,4 @@
-"""The motion as ``trajectory_msgs/msg/JointTrajectory`` in YAML: SI units, as ROS 2 controllers take it."""
+"""The motion as ``trajectory_msgs/msg/JointTrajectory`` in YAML, in SI units as ROS 2 controllers expect."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _METRES = 1e-3
 
 
 def joint_trajectory_yaml(motion: Motion, period_s: float) -> str:
-    """YAML text of the message: metres, metres a second, metres a second squared.
+    """YAML text of the message, in m, m/s and m/s^2.
 
     ``ros2 topic pub --once TOPIC trajectory_msgs/msg/JointTrajectory "$(cat FILE)"`` sends it.
 
     Raises:
-        ExportError: the period is no multiple of that of the set points.
+        ExportError: the period is not a multiple of the set-point period.
     """
     rows = rows_every(motion, period_s)
     text = io.StringIO()
@@ -40,7 +40,7 @@ def _row(values_mm: Iterable[float]) -> str:
 
 
 def _number(value: float) -> str:
-    """A number that YAML 1.1 reads as one: with a point also before an exponent."""
+    """A number as YAML 1.1 reads it: with a decimal point, also before an exponent."""
     text = f"{value + 0.0:.12g}"
     mantissa, mark, exponent = text.partition("e")
     if "." not in mantissa:

@@ -1,4 +1,4 @@
-"""Messages as columns: every field of every message by its name, whichever library made the message."""
+"""Messages as columns: one list of values for each field name, for messages of rclpy and of rosbags alike."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Columns:
     values: dict[str, list[Any]] = field(default_factory=dict)
 
     def add(self, message: Any) -> None:
-        """Take in one message; it may be changed and used again afterwards."""
+        """Add one message. The values are copied: the caller may reuse the message."""
         for name, value in _flat(message, ""):
             self.values.setdefault(name, []).append(value)
         self.count += 1
 
     def find(self, name: str, index: int) -> Any:
-        """Value of a field of one message; None where there is none."""
+        """Value of a field of one message; None if the message has no such field."""
         column = self.values.get(name)
         return None if column is None or index >= len(column) else column[index]
 

@@ -1,4 +1,4 @@
-"""Recorded against replayed messages: count, order and every field, within stated tolerances."""
+"""Compares recorded with replayed messages: count, order and every field, within stated tolerances."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from feedopt_tools.replay.columns import Columns
 
 IGNORED = ("stamp", "lateness_s", "solve_time_s", "audit_time_s")
-"""Fields that tell of the clock and nothing else; a stamp anywhere in a message is one of them."""
+"""Fields that depend on the clock only. A field named stamp is ignored at any depth of a message."""
 DEFAULT_RATIO = 1e-9
-# What was measured of rounding errors is a rounding error itself: its size may change, no more.
+# A measured rounding error is not reproducible: it may be up to twice as large, or vanish.
 _ROUNDING = {"/toolpath.map_error_mm": 1.0}
 _PLACES = ("tick", "source_line", "s_start_mm", "s_mm")
 
@@ -40,11 +40,11 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class Difference:
-    """One value that is not the recorded one.
+    """One value that differs from the recorded one.
 
     Attributes:
         index: message, from 0; ``element`` of its array, from 0, or -1.
-        excess: size of the difference over what the tolerance allows; infinity where there is no measure.
+        tolerance_ratio: difference divided by its tolerance; infinity where no tolerance applies.
         place: where on the path and in the program.
     """
 
@@ -54,7 +54,7 @@ class Difference:
     element: int
     recorded: str
     replayed: str
-    excess: float
+    tolerance_ratio: float
     place: str
 
 
@@ -78,13 +78,13 @@ class TopicComparison:
 
     @property
     def agrees(self) -> bool:
-        """Every message is there and every field agrees."""
+        """No message is missing and every field agrees."""
         return self.recorded == self.replayed and not self.differing
 
     @property
     def largest(self) -> Difference | None:
-        """The difference that is farthest beyond its tolerance."""
-        return max(self.differences, key=lambda difference: difference.excess, default=None)
+        """The difference with the largest ratio to its tolerance."""
+        return max(self.differences, key=lambda difference: difference.tolerance_ratio, default=None)
 
 
 def compare_topic(
@@ -95,7 +95,7 @@ def compare_topic(
     Args:
         topic: its name.
         recorded, replayed: the messages.
-        tolerances: what may differ by how much.
+        tolerances: allowed differences.
         ignored: fields that are not compared.
     """
     found: list[Difference] = []
@@ -107,9 +107,9 @@ def compare_topic(
         differences = list(_differences(topic, name, recorded, replayed, tolerances))
         if differences:
             differing[name] = len(differences)
-            largest = max(differences, key=lambda difference: difference.excess)
+            largest = max(differences, key=lambda difference: difference.tolerance_ratio)
             found += [differences[0]] if largest is differences[0] else [differences[0], largest]
-    # Where nothing was replayed there is nothing that could lack a field.
+    # Without recorded messages no field can be missing in the recording.
     unrecorded = tuple(name for name in names if recorded.count and name not in recorded.values)
     found.sort(key=lambda difference: difference.index)
     return TopicComparison(topic, recorded.count, replayed.count, tuple(found), differing, unrecorded)
@@ -132,10 +132,10 @@ def _differences(
             texts = f"{a.size} values", f"{b.size} values"
             yield Difference(topic, name, index, -1, *texts, float("inf"), place)
             continue
-        excess = _excess(a, b, tolerances, topic, name, scale)
-        if not np.any(excess > 1.0):
+        ratios = _tolerance_ratios(a, b, tolerances, topic, name, scale)
+        if not np.any(ratios > 1.0):
             continue
-        element = int(np.argmax(excess))
+        element = int(np.argmax(ratios))
         shown = element if np.ndim(was[index]) else -1
         yield Difference(
             topic,
@@ -144,13 +144,13 @@ def _differences(
             shown,
             str(a[element]),
             str(b[element]),
-            float(excess[element]),
+            float(ratios[element]),
             _place(recorded, index, shown),
         )
 
 
 def _suspects(was: list[Any], now: list[Any]) -> Iterator[int]:
-    """Messages whose value is not exactly the recorded one: all of one shape at once, others one by one."""
+    """Indices of messages whose value is not exactly the recorded one. Values of one shape are compared at once."""
     try:
         a, b = np.asarray(was), np.asarray(now)
     except ValueError:
@@ -165,7 +165,7 @@ def _suspects(was: list[Any], now: list[Any]) -> Iterator[int]:
 
 
 def _scale(values: list[Any]) -> float:
-    """Largest finite size in a field; 0 where it holds no numbers."""
+    """Largest finite absolute value of a field; 0 if it holds no numbers."""
     largest = 0.0
     for value in values:
         numbers = np.asarray(value)
@@ -175,8 +175,8 @@ def _scale(values: list[Any]) -> float:
     return largest
 
 
-def _excess(a: Any, b: Any, tolerances: Tolerances, topic: str, name: str, scale: float) -> Any:
-    """Difference over tolerance, element by element; infinity where equality was due."""
+def _tolerance_ratios(a: Any, b: Any, tolerances: Tolerances, topic: str, name: str, scale: float) -> Any:
+    """Difference divided by its tolerance, element by element; infinity where the values must be equal."""
     if a.dtype.kind not in "fiu" or b.dtype.kind not in "fiu":
         return np.where(a == b, 0.0, np.inf)
     whole = a.dtype.kind in "iu"
@@ -184,8 +184,8 @@ def _excess(a: Any, b: Any, tolerances: Tolerances, topic: str, name: str, scale
     x, y = a.astype(np.float64), b.astype(np.float64)
     same = (x == y) | (np.isnan(x) & np.isnan(y))
     with np.errstate(divide="ignore", invalid="ignore"):
-        excess = np.abs(x - y) / allowed
-    return np.where(same, 0.0, np.where(np.isnan(excess), np.inf, excess))
+        ratios = np.abs(x - y) / allowed
+    return np.where(same, 0.0, np.where(np.isnan(ratios), np.inf, ratios))
 
 
 def _place(columns: Columns, index: int, element: int = -1) -> str:

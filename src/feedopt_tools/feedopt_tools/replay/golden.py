@@ -1,4 +1,4 @@
-"""Golden bags: recordings that stand for what is right, with a manifest that says what each is, and why it is there."""
+"""Golden bags: reference recordings, with a manifest that says what each one holds and why it is kept."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST_BYTES = 2_000_000
 PROGRAMS = "programs"
 _BESIDE = frozenset({MANIFEST, PROGRAMS, "README.md"})
 _HEADER = (
-    "# Golden bags: what each is, why it is there, how far a replay may differ from it (see docs/replay.md).\n"
+    "# Golden bags: what each holds, why it is kept, and the tolerances of its replay (see docs/replay.md).\n"
     "# Written by `feedopt replay --update`, which remakes the bags; sha256 is that of the MCAP file.\n"
 )
 
@@ -31,11 +31,11 @@ class GoldenBag:
 
     Attributes:
         what: what was recorded.
-        why: what a difference would tell.
-        program: program file, from the folder of the manifest; most stand in its folder ``programs``.
+        why: what a difference would mean.
+        program: program file, relative to the folder of the manifest.
         machine: machine file or its name.
         method: planning method; empty: as in config/nodes/planner.yaml.
-        sha256: of the MCAP file; empty before it is first made.
+        sha256: of the MCAP file; empty before the first recording.
         tolerances: largest differences relative to the largest value of a field, by ``/topic`` or ``/topic.field``.
     """
 
@@ -49,17 +49,17 @@ class GoldenBag:
 
 
 def load_manifest(folder: Path) -> dict[str, GoldenBag]:
-    """Golden bags of a folder by the name of their own folder.
+    """Golden bags of a folder, by folder name.
 
     Raises:
-        GoldenBagError: the manifest cannot be read, or an entry is not one.
+        GoldenBagError: the manifest or one of its entries cannot be read.
     """
     path = folder / MANIFEST
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
         return {str(name): GoldenBag(**entry) for name, entry in document["bags"].items()}
     except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
-        raise GoldenBagError(f"{path}: is no manifest of golden bags: {error}") from error
+        raise GoldenBagError(f"{path}: cannot be read as a manifest of golden bags: {error}") from error
 
 
 def write_manifest(folder: Path, bags: Mapping[str, GoldenBag]) -> None:
@@ -70,7 +70,7 @@ def write_manifest(folder: Path, bags: Mapping[str, GoldenBag]) -> None:
 
 
 def chosen_bags(paths: Iterable[Path]) -> list[Path]:
-    """Bags named on a command line: a folder with a manifest means its bags; what stands beside bags is left out."""
+    """Bags named on a command line. A folder with a manifest stands for its bags; other files there are skipped."""
     chosen: list[Path] = []
     for path in paths:
         if (path / MANIFEST).is_file():
@@ -81,16 +81,16 @@ def chosen_bags(paths: Iterable[Path]) -> list[Path]:
 
 
 def golden_entry(path: Path) -> GoldenBag | None:
-    """Entry of a bag in the manifest beside it; None where there is none. Raises GoldenBagError."""
+    """Manifest entry of a bag; None if it has none. Raises GoldenBagError."""
     folder = path.absolute().parent
     return load_manifest(folder).get(path.absolute().name) if (folder / MANIFEST).is_file() else None
 
 
 def checked_tolerances(path: Path) -> Tolerances:
-    """Tolerances of a bag: those of its manifest, after its hash and size were checked.
+    """Tolerances of a bag from its manifest. Hash and size of the bag are checked first.
 
     Raises:
-        GoldenBagError: the file is not the one of the manifest, or too large.
+        GoldenBagError: the hash is not that of the manifest, or the file is too large.
         BagError: there is no bag.
     """
     entry = golden_entry(path)
@@ -112,7 +112,7 @@ def bag_hash(path: Path) -> str:
 
 
 def replace_bag(path: Path, made: Path) -> None:
-    """Put a new recording in the place of a golden bag and note its hash.
+    """Replace a golden bag by a new recording and update its hash.
 
     Raises:
         GoldenBagError: it is too large, or the manifest has no entry for it.
@@ -120,7 +120,7 @@ def replace_bag(path: Path, made: Path) -> None:
     _check_size(made)
     bags = load_manifest(path.parent)
     if path.name not in bags:
-        raise GoldenBagError(f"{path.parent / MANIFEST}: has no entry {path.name}; say there what the bag is and why")
+        raise GoldenBagError(f"{path.parent / MANIFEST}: has no entry {path.name}; add one with what and why")
     shutil.rmtree(path, ignore_errors=True)
     shutil.copytree(made, path)
     bags[path.name] = replace(bags[path.name], sha256=bag_hash(path))

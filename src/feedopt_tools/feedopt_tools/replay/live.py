@@ -1,4 +1,4 @@
-"""A recorded program on a running graph again: for ``feedopt replay --live``, and to remake golden bags."""
+"""Executes a recorded program again on a running graph: for ``feedopt replay --live`` and to remake golden bags."""
 
 from __future__ import annotations
 
@@ -19,21 +19,24 @@ from feedopt_tools.replay.recorded_program import RecordedProgram
 from feedopt_tools.replay.stages import STAGES
 
 _DOMAINS = range(100, 0, -1)
-# What a run sets for itself, and what an option of the run carries over.
+# Parameters that the run sets itself or takes from its options.
 _OWN = frozenset({"machine", "present_nodes", "bag_directory", "provenance_file", "method"})
 
 
 def record_again(recorded: RecordedProgram, directory: Path, stage: Callable[[str], None]) -> Path:
-    """Execute a recorded program on a graph of its own, as it was executed then; returns the new bag.
+    """Execute a recorded program again, with its machine and parameters, on a graph of its own.
 
     Args:
         recorded: program, machine and parameters.
         directory: empty folder for the run.
-        stage: hears what is being done.
+        stage: called with the name of each step.
+
+    Returns:
+        Folder of the new bag.
 
     Raises:
-        ReplayInputError: the parameter files are not what they were.
-        FeedoptError: what ended the run early.
+        ReplayInputError: a parameter file has changed since the recording.
+        FeedoptError: the run ended early.
     """
     _refuse_other_parameters(recorded)
     program = recorded.program()
@@ -55,11 +58,11 @@ def record_again(recorded: RecordedProgram, directory: Path, stage: Callable[[st
 
 
 def execute_whole(options: RunOptions, stage: Callable[[str], None]) -> Path:
-    """Execute a program on a free ROS domain; returns its bag, in which nothing is missing.
+    """Execute a program on a free ROS domain and check that its bag is complete; returns the bag.
 
     Raises:
-        ReplayInputError: the program did not come to its end, or the bag has gaps.
-        FeedoptError: what ended the run early.
+        ReplayInputError: the program was not executed to its end, or the bag has gaps.
+        FeedoptError: the run ended early.
     """
     os.environ["ROS_DOMAIN_ID"] = str(free_domain())
     execution = execute_program(options, RunEvents(stage=stage, progress=lambda _: None))
@@ -70,19 +73,19 @@ def execute_whole(options: RunOptions, stage: Callable[[str], None]) -> Path:
         raise ReplayInputError(f"{options.request.name}: was not executed to its end: {message}")
     findings = check_bag(execution.bag)
     if findings:
-        raise ReplayInputError(f"{execution.bag}: is not whole: {findings[0].place}: {findings[0].text}")
+        raise ReplayInputError(f"{execution.bag}: is not complete: {findings[0].place}: {findings[0].text}")
     return execution.bag
 
 
 def free_domain() -> int:
-    """A ROS domain on which no command runs a graph. Raises SecondGraphError where there is none."""
+    """A ROS domain without a running graph. Raises SecondGraphError if there is none."""
     for domain in _DOMAINS:
         try:
             with DomainLock(domain):
                 return domain
         except SecondGraphError:
             continue
-    raise SecondGraphError("on every ROS domain a graph runs: wait for one to end")
+    raise SecondGraphError("a graph runs on every ROS domain: wait until one ends")
 
 
 def _refuse_other_parameters(recorded: RecordedProgram) -> None:

@@ -1,4 +1,4 @@
-"""One program of a bag with everything its stages need to run again: inputs, parameters, machine, program text."""
+"""One recorded program with all inputs of its stages: messages, parameters, machine file, program text."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ IDENTIFIED = ("/toolpath", "/feed_profile", "/axis_setpoint", "/axis_state")
 
 @dataclass(frozen=True)
 class ProgramText:
-    """A recorded program; tolerance 0: the toolpath node's parameter decides; reach 0: no layer transitions."""
+    """A recorded program. Tolerance 0: the parameter of the toolpath node holds. Reach 0: no layer transitions."""
 
     name: str
     text: str
@@ -39,7 +39,7 @@ class RecordedProgram:
     """The only program of a bag.
 
     Raises:
-        BagError: the bag cannot be read, or its messages are not those of this version.
+        BagError: the bag cannot be read, or its message definitions are unknown to this version.
         ReplayInputError: it holds several programs.
     """
 
@@ -66,11 +66,11 @@ class RecordedProgram:
         return frozenset(name for name, topic in self._contents.topics.items() if len(topic))
 
     def messages(self, topic: str) -> Sequence[Any]:
-        """Messages of one topic, as messages of this version."""
+        """Messages of one topic, migrated to the definitions of this version."""
         found = self._contents.topics.get(topic)
         if found is None:
             return []
-        # The columns are of the messages as they were recorded: made before these change.
+        # Columns hold the messages as recorded: build them before the migration changes the messages.
         self.columns(topic)
         if topic not in self._objects:
             self._objects[topic] = found.objects()
@@ -84,24 +84,24 @@ class RecordedProgram:
         return self._columns[topic]
 
     def parameters(self, node: str, kind: type[P]) -> P:
-        """The fields of a parameter dataclass, as the node was started.
+        """Parameters of a node as recorded, as an object of their dataclass.
 
         Raises:
             ReplayInputError: not recorded.
-            ConfigError: not a value of today's parameters.
+            ConfigError: this version does not accept a recorded value.
         """
         known = {entry.name for entry in fields(kind)}  # type: ignore[arg-type]
         values = {key: value for key, value in self.node_parameters(node).items() if key in known}
         return parameters_from_mapping(kind, values, f"{self.path}: recorded parameters of {node}")
 
     def node_parameters(self, node: str) -> dict[str, Any]:
-        """Every parameter that a node was started with. Raises ReplayInputError."""
+        """All parameters that a node was started with. Raises ReplayInputError."""
         try:
             document = yaml.safe_load(self._record("feedopt/parameters", node))
             values = document[node]["ros__parameters"]
         except (yaml.YAMLError, TypeError, KeyError) as error:
             raise ReplayInputError(
-                f"{self.path}: the recorded parameters of {node} are no parameter file: {error!r}"
+                f"{self.path}: the recorded parameters of {node} cannot be read as a parameter file: {error!r}"
             ) from error
         return dict(values)
 
@@ -109,7 +109,7 @@ class RecordedProgram:
         """One numeric parameter of a node. Raises ReplayInputError."""
         value = self.node_parameters(node).get(name)
         if not isinstance(value, (int, float)):
-            raise ReplayInputError(f"{self.path}: {node} was recorded without a number for its parameter {name}")
+            raise ReplayInputError(f"{self.path}: the recorded parameter {name} of {node} is missing or not a number")
         return float(value)
 
     @property
@@ -128,7 +128,7 @@ class RecordedProgram:
             return load_machine(str(self.write_machine(Path(folder))))
 
     def write_machine(self, folder: Path) -> Path:
-        """Put the machine file of the run into a folder. Raises ReplayInputError."""
+        """Write the machine file of the run into a folder. Raises ReplayInputError."""
         path = folder / "machine.yaml"
         path.write_text(self.machine_yaml, encoding="utf-8")
         return path
@@ -138,7 +138,7 @@ class RecordedProgram:
         tolerance_mm = 0.0
         with suppress(ValueError):
             tolerance_mm = float(self._record("feedopt/program", "tolerance_mm"))
-        # Bags from before there were transitions say nothing of them.
+        # Bags recorded before layer transitions existed have no such entries.
         record = self._contents.metadata.get("feedopt/program", {})
         return ProgramText(
             self._record("feedopt/program", "name"),
@@ -157,7 +157,7 @@ class RecordedProgram:
             ) from error
 
     def _read_columns(self, topic: TopicMessages) -> Columns:
-        # Thousands of one layout at once; what has no fixed layout one by one.
+        # Messages of one fixed layout are read at once, others one by one.
         with suppress(BagForeignError):
             arrays = topic.columns()
             return columns_of_arrays(arrays, len(topic))

@@ -1,4 +1,4 @@
-"""Replays a bag and says where what comes out now is not what was recorded."""
+"""Replays a bag stage by stage and reports where the output differs from the recording."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class StageResult:
     Attributes:
         node: the node the stage stands for.
         topics: its output topics.
-        failure: the error that ended it early; empty: none did.
+        failure: the error that ended the stage early; empty if it ran to its end.
     """
 
     node: str
@@ -33,33 +33,33 @@ class StageResult:
 
     @property
     def agrees(self) -> bool:
-        """It ran to its end and every message is the recorded one."""
+        """The stage ran to its end and every message agrees with the recorded one."""
         return not self.failure and all(topic.agrees for topic in self.topics)
 
 
 @dataclass(frozen=True)
 class Replay:
-    """One bag, stage by stage in the order of the pipeline; stages that were not recorded are left out."""
+    """Results of one bag, one for each recorded stage, in the order of the pipeline."""
 
     path: Path
     stages: tuple[StageResult, ...]
 
     @property
     def agrees(self) -> bool:
-        """Every stage does."""
+        """Every stage agrees."""
         return all(stage.agrees for stage in self.stages)
 
 
 def replay_bag(path: Path, tolerances: Tolerances) -> Replay:
-    """Feed every stage its recorded inputs and compare what it makes of them.
+    """Feed every stage its recorded inputs and compare its outputs with the recorded ones.
 
     Args:
         path: the bag.
-        tolerances: what may differ by how much.
+        tolerances: allowed differences.
 
     Raises:
         BagError: the bag cannot be read, or lacks what a stage needs.
-        ConfigError: the recorded machine or parameters are none for this version.
+        ConfigError: this version does not accept the recorded machine or parameters.
     """
     recorded = RecordedProgram(path)
     return Replay(path, tuple(_run(stage, recorded, tolerances) for stage in _stages(recorded)))
@@ -72,7 +72,7 @@ def compare_bags(path: Path, other: Path, tolerances: Tolerances) -> Replay:
         BagError: one of them cannot be read.
     """
     first, second = RecordedProgram(path), RecordedProgram(other)
-    # Programs are counted by the toolpath node since it started: two runs may number one program differently.
+    # The toolpath node numbers programs from its start: the same program may have another number in another run.
     ignored = (*IGNORED, "program_id")
     return Replay(
         path,
@@ -90,7 +90,7 @@ def compare_bags(path: Path, other: Path, tolerances: Tolerances) -> Replay:
 
 
 def _stages(recorded: RecordedProgram) -> list[Stage]:
-    """Stages that were recorded: a graph without the simulated router records none of its parameters."""
+    """Stages whose node was recorded. Without the simulated router, its stage is missing."""
     found = [stage for stage in STAGES if stage.node in recorded.nodes]
     if not found:
         raise ReplayInputError(
@@ -112,7 +112,7 @@ def _run(stage: Stage, recorded: RecordedProgram, tolerances: Tolerances) -> Sta
             raise
         except FeedoptError as error:
             failure = f"{type(error).__name__}: {error}"
-        # A changed core may fail in any way; that is a difference of its stage, and the other stages are still judged.
+        # A changed core may fail in any way. That is a difference of this stage; the other stages are still compared.
         except Exception as error:  # noqa: BLE001
             failure = f"{type(error).__name__}: {error}"
     comparisons = tuple(
@@ -122,7 +122,7 @@ def _run(stage: Stage, recorded: RecordedProgram, tolerances: Tolerances) -> Sta
 
 
 def placed(recorded: RecordedProgram, topic: str) -> Columns:
-    """Recorded columns of a topic; axis states get the arc length of the set point they answer, to be shown."""
+    """Recorded columns of a topic. Axis states get the arc length of their set point, so that a report can show it."""
     columns = recorded.columns(topic)
     if topic == "/axis_state" and columns.count and "s_mm" not in columns.values:
         setpoints = recorded.columns("/axis_setpoint").values
@@ -134,7 +134,7 @@ def placed(recorded: RecordedProgram, topic: str) -> Columns:
 
 
 def short_text(replay: Replay) -> Iterator[str]:
-    """A line for a bag that agrees; else a few for the first stage that differs, and one for each other."""
+    """One line for a bag that agrees; otherwise the first and the largest difference of every stage that differs."""
     counted = sum(topic.recorded for stage in replay.stages for topic in stage.topics)
     nodes = ", ".join(stage.node for stage in replay.stages)
     if replay.agrees:
@@ -147,7 +147,7 @@ def short_text(replay: Replay) -> Iterator[str]:
 
 
 def long_text(replay: Replay) -> Iterator[str]:
-    """Everything that differs, and every topic that was compared."""
+    """All differences, and every topic that was compared."""
     yield f"{replay.path}: {'agrees' if replay.agrees else 'DIFFERS'}"
     for stage in replay.stages:
         yield from _stage_lines(stage, whole=True)
@@ -174,14 +174,16 @@ def _difference_lines(topic: TopicComparison, *, whole: bool) -> Iterator[str]:
     largest = topic.largest
     chosen = topic.differences if whole else topic.differences[:1]
     for difference in chosen:
-        yield f"    {'' if whole else 'first: '}{_said(difference)}"
+        yield f"    {'' if whole else 'first: '}{_difference_text(difference)}"
     if not whole and largest is not None and largest is not topic.differences[0]:
-        yield f"    largest: {_said(largest)}"
+        yield f"    largest: {_difference_text(largest)}"
 
 
-def _said(difference: Difference) -> str:
+def _difference_text(difference: Difference) -> str:
     element = f"[{difference.element}]" if difference.element >= 0 else ""
-    beyond = f", {difference.excess:.3g} times the tolerance" if np.isfinite(difference.excess) else ""
+    beyond = (
+        f", {difference.tolerance_ratio:.3g} times the tolerance" if np.isfinite(difference.tolerance_ratio) else ""
+    )
     return (
         f"{difference.field}{element} was {difference.recorded}, is {difference.replayed}{beyond} ({difference.place})"
     )

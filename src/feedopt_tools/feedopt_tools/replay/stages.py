@@ -1,7 +1,7 @@
-"""The stages of the pipeline, each fed its recorded inputs through the conversions and the core that its node uses.
+"""Replays each stage of the pipeline: recorded inputs through the conversions and the core that the node uses.
 
-What a node takes from the clock is taken from the recording: which chunk the interpolator knew at which tick, and after
-which stop the planner planned anew. Everything else follows from the inputs.
+What depends on the clock in a running graph is read from the recording: at which tick the interpolator knew which
+chunk, and after which stop the planner started again. Everything else follows from the inputs.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from router_sim.machine_file import load_router_parameters
 from router_sim.router import SimulatedRouter
 
 _JOIN_MM = 1e-6
-# A changed core may never come to an end of the motion; that many ticks behind the recorded end are enough to see it.
+# A changed core may never end the motion. Stop so many ticks after the recorded end.
 _OVERRUN_TICKS = 1000
 
 Outputs: TypeAlias = Mapping[str, Columns]
@@ -47,7 +47,7 @@ Outputs: TypeAlias = Mapping[str, Columns]
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage: the node it stands for, the topics it needs and makes, and what fills the latter."""
+    """One stage: its node, its input and output topics, and the function that fills the outputs."""
 
     node: str
     inputs: tuple[str, ...]
@@ -69,7 +69,7 @@ def run_toolpath(recorded: RecordedProgram, outputs: Outputs) -> None:
 
 
 def _opened(program: ProgramText) -> Program:
-    """The program as the node opened it: its kind told by the suffix, or by its content where it has none."""
+    """The program as the node opened it. The suffix gives its kind; without a suffix, the content does."""
     kind = SUFFIXES.get(Path(program.name).suffix.lower())
     if kind is None:
         return Program.from_text(program.text)
@@ -77,7 +77,7 @@ def _opened(program: ProgramText) -> Program:
 
 
 def run_planner(recorded: RecordedProgram, outputs: Outputs) -> None:
-    """Segments to chunks: as the node does, one segment at a time when there is nothing to plan without it."""
+    """Segments to chunks. As in the node, a segment is added only when nothing can be planned without it."""
     machine = recorded.machine()
     outputs["/machine"].add(machine_to_message(machine))
     planner = StreamPlanner(machine, recorded.parameters("planner", PlannerParameters))
@@ -98,10 +98,10 @@ def run_planner(recorded: RecordedProgram, outputs: Outputs) -> None:
 
 
 def restarts_of(chunks: list[Chunk]) -> dict[int, int]:
-    """Where a chunk starts at an earlier chunk's stop instead of its commitment: the machine had taken that stop.
+    """Chunks that start where an earlier chunk stops: there the machine had come to a stop for want of a chunk.
 
     Returns:
-        Index of the chunk that starts anew, to the sequence of the chunk whose stop was taken.
+        Index of the chunk that starts from standstill: sequence of the chunk whose stop the machine took.
     """
     found = {}
     for index in range(1, len(chunks)):
@@ -115,7 +115,7 @@ def restarts_of(chunks: list[Chunk]) -> dict[int, int]:
 
 
 def run_interpolator(recorded: RecordedProgram, outputs: Outputs) -> None:
-    """Segments and chunks to set points, in the blocks of the node; a chunk comes when the recording first used it."""
+    """Segments and chunks to set points, in the blocks of the node. A chunk arrives when it was first used."""
     stream = SetpointStream(recorded.machine(), recorded.parameters("interpolator", InterpolatorParameters))
     for message in recorded.messages("/toolpath"):
         stream.add_segment(segment_from_message(message))
@@ -123,19 +123,19 @@ def run_interpolator(recorded: RecordedProgram, outputs: Outputs) -> None:
     used = np.maximum.accumulate(
         np.array(recorded.columns("/axis_setpoint").values.get("chunk_sequence", [0]), dtype=np.int64)
     )
-    # A program that was given up has no last chunk: it ended at rest in a stop, as the recording shows.
-    given_up = not any(chunk.last for chunk in chunks)
+    # An aborted program has no last chunk: it ended in a stop, as the recording shows.
+    aborted = not any(chunk.last for chunk in chunks)
     made, message = outputs["/axis_setpoint"], AxisSetpoint(program_id=recorded.program_id)
     finished = False
     while not finished and made.count < len(used) + _OVERRUN_TICKS:
         latest = int(used[min(made.count + BLOCK_TICKS, len(used)) - 1])
-        # The rest before the motion needs the first chunk to be there.
+        # The standstill before the motion needs the first chunk.
         while chunks and chunks[0].sequence <= max(latest, 1):
             stream.add_chunk(chunks.popleft())
         block = stream.next_block(BLOCK_TICKS)
         if block is None:
             return
-        ended = given_up and made.count + len(block.tick) >= len(used)
+        ended = aborted and made.count + len(block.tick) >= len(used)
         rows = SetpointRows(replace(block, finished=True) if ended else block)
         for row in range(len(rows)):
             rows.fill(row, message)
@@ -168,4 +168,4 @@ STAGES = (
     Stage("interpolator", ("/toolpath", "/feed_profile"), ("/axis_setpoint",), run_interpolator),
     Stage("router_sim", ("/axis_setpoint",), ("/axis_state", "/joint_states"), run_router_sim),
 )
-"""In the order of the pipeline: the first that differs is the one to look at."""
+"""In the order of the pipeline: look at the first stage that differs."""

@@ -1,4 +1,4 @@
-"""Remaking golden bags, with a summary of what that changes."""
+"""Remakes golden bags, with a summary of the changes."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from feedopt_tools.replay.replay import replay_bag, short_text
 
 
 def remake(path: Path, stage: Callable[[str], None]) -> Iterator[str]:
-    """Record a golden bag anew and put it in place; yields lines for the commit message.
+    """Record a golden bag again and replace it; yields lines for the commit message.
 
     Raises:
-        GoldenBagError: no entry, too large, or its own replay differs from it: then nothing was replaced.
+        GoldenBagError: no entry, too large, or its replay differs from the new recording. The old bag stays then.
         FeedoptError: the program could not be executed.
     """
     entry = golden_entry(path)
@@ -62,7 +62,7 @@ def _method(run: RunData) -> str:
 
 
 def _changes(path: Path, tolerances: Tolerances) -> list[str]:
-    """What the old bag's replay says: the reason for remaking it."""
+    """Differences of the old bag's replay: the reason for remaking it."""
     if not path.exists():
         return []
     try:

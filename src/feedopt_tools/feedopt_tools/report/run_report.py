@@ -1,4 +1,4 @@
-"""The report of one run as HTML: what was asked, what came out, how close to which limit, and from where."""
+"""The report of one run as HTML: verdict, limits, tracking, planner, execution, provenance."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ _EVENTS = 60
 _TEXT_CHARACTERS = 60_000
 _CAPTIONS = {
     MOTION: "The motion: path by feedrate, feedrate, tracking error and control signal with their limits.",
-    ACTIVE_LIMIT: "Which limit binds where: the path by the limit that is used up, and the use of every limit.",
+    ACTIVE_LIMIT: "Which limit binds where: the path by its binding limit, and the utilisation of every limit.",
     AXIS_LIMITS: "Velocity, acceleration and jerk of the axes with their limits.",
     TRACKING: "Tracking error and control signal, simulated and as the machine's model predicts them.",
     CONTOUR: "Programmed, smoothed and actual path, the error exaggerated; contour error and lag along the path.",
-    PLANNER: "The planner's windows: what each committed, what it cost, how far the plan was ahead.",
-    EVENTS: "Lateness of the set points, line of the program, and what happened.",
+    PLANNER: "The planner's windows: committed length, computing time, and lead of the plan over the motion.",
+    EVENTS: "Lateness of the set points, line of the program, and events.",
 }
 
 
@@ -46,7 +46,7 @@ def write_report(scene: RunScene, path: Path) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # What cannot be written is not drawn first.
+        # Open the file first: drawing takes seconds.
         with path.open("w", encoding="utf-8") as file:
             file.write(report_html(scene))
     except OSError as error:
@@ -54,7 +54,7 @@ def write_report(scene: RunScene, path: Path) -> None:
 
 
 def report_html(scene: RunScene) -> str:
-    """The report as one HTML page without any reference outside of itself."""
+    """The report as one self-contained HTML page."""
     return html.document(f"{scene.signals.run.title}: report of a run", list(_Report(scene).parts()))
 
 
@@ -90,7 +90,7 @@ class _Report:
             yield html.verdict("not judged", "unknown")
             yield html.paragraph(self.not_judged)
         elif self.judgement.holds:
-            yield html.verdict("the set points hold every limit, nothing is missing", "good")
+            yield html.verdict("every limit held, nothing is missing", "good")
         else:
             broken = [row for row in self.judgement.audit.rows if row.ratio > ALLOWED_RATIO]
             said = f"{len(broken)} limits broken" if broken else "the recording is not complete"
@@ -141,7 +141,7 @@ class _Report:
             yield html.table(("limit", "binds on the path", "binds in time", "largest use", "mean use"), rows)
         if self.judgement is not None:
             audit = self.judgement.audit.rows
-            yield html.paragraph("Recomputed from the recorded set points alone, rest before and after included:")
+            yield html.paragraph("Recomputed from the recorded set points alone, standstill before and after included:")
             yield html.table(
                 ("quantity", "axis", "largest", "limit", "ratio", "at s, mm", "at t, s"),
                 [
@@ -181,9 +181,7 @@ class _Report:
             over = [row.over for row in self.judgement.tracking]
             yield html.table(columns, rows, over)
             if any(over):
-                yield html.paragraph(
-                    "The plan holds the limit; the machine itself went beyond it where marked.", "soft"
-                )
+                yield html.paragraph("The plan keeps the limit; the machine exceeded it where marked.", "soft")
         if contour is not None:
             both = [("contour error", contour.error_um), ("lag along the path", contour.lag_um)]
             yield html.table(
@@ -213,7 +211,7 @@ class _Report:
             ("auditing, all windows", f"{np.sum(audit_s):.3f} s"),
             ("longest window", f"{1e3 * np.max(solve_s + audit_s):.1f} ms"),
             (
-                "computing over the motion it commits",
+                "computing time / committed motion",
                 f"worst {100 * np.max(share):.1f} %, median {100 * np.median(share):.1f} %",
             ),
             ("certificates", f"closest {100 * worst.worst_ratio:.2f} %: {worst.worst_quantity} {worst.worst_axis}"),
@@ -261,7 +259,7 @@ class _Report:
                 yield html.paragraph(f"and {len(events) - len(shown)} more", "soft")
 
     def _provenance(self) -> Iterator[str]:
-        yield html.heading("Where it comes from")
+        yield html.heading("Provenance")
         records = self.run.provenance
         program = records.get("feedopt/program", {})
         rows = [("bag", str(self.run.path))]
