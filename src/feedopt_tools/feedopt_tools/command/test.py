@@ -16,7 +16,7 @@ from feedopt_tools.command.workspace import workspace_root
 _PYTEST = (sys.executable, "-m", "pytest", "-q")
 STAGES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("style (ruff)", (sys.executable, "-m", "ruff", "check", ".")),
-    ("format (ruff)", (sys.executable, "-m", "ruff", "format", "--check", "--quiet", "src", "test", "benchmark")),
+    ("format (ruff)", (sys.executable, "-m", "ruff", "format", "--check", "--quiet", ".")),
     ("types (mypy)", (sys.executable, "-m", "mypy")),
     ("imports (import-linter)", ("lint-imports",)),
     ("unit tests", (*_PYTEST, "-m", "not graph")),
