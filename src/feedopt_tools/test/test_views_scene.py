@@ -147,7 +147,7 @@ def test_events_tell_stops_words_faults_and_late_ticks(run: RunData) -> None:
     signals = signals_of(changed)
     events = events_of(signals)
     texts = {event.text: event for event in events}
-    stop = texts["line 1: comes to rest, waits 0.5 s"]
+    stop = texts["line 1: stop, dwell 0.5 s"]
     assert stop.s_mm == pytest.approx(first.length_mm)
     assert "line 2: M3 S12000" in texts
     late = texts["20 set points late by up to 2.00 ms"]
@@ -190,7 +190,7 @@ def test_a_run_at_half_speed_is_later_by_the_time_it_took(run: RunData) -> None:
 
 def test_run_that_does_not_move_cannot_be_compared(run: RunData) -> None:
     still = replace(run, setpoints=replace(run.setpoints, s_mm=np.zeros(len(run.setpoints))))
-    with pytest.raises(ViewError, match="nothing moved"):
+    with pytest.raises(ViewError, match="holds no motion"):
         compare(scene_of(run), scene_of(still))
 
 

@@ -1,1 +1,1 @@
-"""Starting the graph as processes, executing one program on it, and ending all of it."""
+"""Starts the graph as processes, executes one program on it, and ends all processes."""

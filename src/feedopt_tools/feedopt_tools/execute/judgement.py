@@ -1,4 +1,4 @@
-"""What a recorded run shows, recomputed from the bag alone: limits, punctuality, tracking, completeness."""
+"""Verdict on a recorded run, from the bag alone: limits, punctuality, tracking, completeness."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from feedopt_tools.views.signals.signals import Quantity, signals_of
 
 @dataclass(frozen=True)
 class Punctuality:
-    """Lateness of the set points, s; ``late_ticks`` were late by a period or more, ``missing_ticks`` never came."""
+    """Lateness of the set points, s; ``late_ticks`` by a period or more; ``missing_ticks`` are not recorded."""
 
     ticks: int
     p50_s: float
@@ -45,7 +45,7 @@ class TrackingRow:
 
     @property
     def over(self) -> bool:
-        """The drive went beyond the limit, whatever the model said."""
+        """The drive exceeded the limit."""
         return self.simulated_max_um > self.limit_um
 
 
@@ -82,7 +82,9 @@ def judge_run(run: RunData) -> Judgement:
         ConfigError: the bag holds no machine, so there are no limits to judge by.
     """
     if run.machine is None:
-        raise ConfigError(f"{run.path}: holds no /machine; without limits a run cannot be judged")
+        raise ConfigError(
+            f"{run.path}: holds no /machine message, so its limits are unknown and the run cannot be judged"
+        )
     setpoints = run.setpoints
     audit = audit_setpoints(
         setpoints.position_mm, setpoints.s_mm, TICK_S, run.machine, t_start_s=float(setpoints.t_s[0])
@@ -114,7 +116,7 @@ def _tracking(run: RunData) -> tuple[TrackingRow, ...]:
 
 
 def _extremes(values: FloatArray | None, axis: int) -> tuple[float, float]:
-    """Largest size and root mean square of one axis; NaN where there are no values."""
+    """Largest absolute value and root mean square of one axis; NaN without values."""
     if values is None or not len(values):
         return float("nan"), float("nan")
     column = values[:, axis]

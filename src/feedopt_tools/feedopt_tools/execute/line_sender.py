@@ -1,4 +1,4 @@
-"""Sends a program line by line while it is executed, never far ahead of the toolpath node. Free of ROS."""
+"""Streams the lines of a program during its execution, a bounded number ahead of the toolpath node. Free of ROS."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ BLOCKS_AHEAD = 50
 
 
 class LineSender:
-    """Cuts lines into blocks and sends them as the reader takes them.
+    """Groups lines into blocks and sends them as fast as the reader takes them.
 
     Args:
         lines: the program, without newlines; read as they are sent.
@@ -24,7 +24,7 @@ class LineSender:
         self._next: list[str] | None = next(self._blocks, [])
 
     def send(self, taken: int) -> None:
-        """Send what there is room for behind the last block the reader has taken."""
+        """Send blocks up to the allowed number ahead of the last block that the reader has taken."""
         while self._next is not None and self._sent < taken + BLOCKS_AHEAD:
             following = next(self._blocks, None)
             self._sent += 1

@@ -1,4 +1,4 @@
-"""What is drawn of a running graph: batches of set points, states, chunks and reports as they come. Free of ROS."""
+"""Draws a running graph from batches of set points, states, chunks and status reports. Free of ROS."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FAULT = 4
 
 
 class LiveDrawing:
-    """Draws one graph into a recording. Batches of one stream come in order.
+    """Draws one graph into a recording. Batches of one stream must come in order.
 
     Args:
         recording: where to.
@@ -47,7 +47,7 @@ class LiveDrawing:
                 self._style(entity(key, name), name, axis_colour(axis))
 
     def add_setpoints(self, setpoints: SetpointArrays) -> None:
-        """Draw feed, lateness, tool and path of a batch; a new program begins anew."""
+        """Draw feed, lateness, tool and path of a batch. A new program starts a new path."""
         if not len(setpoints):
             return
         program_id = int(setpoints.program_id[-1])
@@ -82,13 +82,13 @@ class LiveDrawing:
                 self._curves.limits(entity("control_signal", name, "limit"), _ends(mine.t_s), (limit, -limit))
 
     def add_chunk(self, chunk: Chunk) -> None:
-        """Draw what a window cost, where it begins."""
+        """Draw the computing time of a window at its start."""
         at = [along_time(np.array([chunk.t_start_s]))]
         self._send("planner/solve", at, np.array([1e3 * chunk.figures.solve_time_s]))
         self._send("planner/audit", at, np.array([1e3 * chunk.figures.audit_time_s]))
 
     def add_status(self, status: StatusRow) -> None:
-        """List a change of state, at the motion time reached so far."""
+        """List a change of state at the current motion time."""
         now = (status.program_id, status.state, status.text)
         if self._last_state.get(status.node) == now:
             return
@@ -100,7 +100,7 @@ class LiveDrawing:
         self.recording.log("events", rr.TextLog(text, level=level))
 
     def draw_path(self) -> None:
-        """Draw the path so far, coloured by feed; called about once a second, since it is sent as a whole."""
+        """Draw the path so far, coloured by feed. The whole path is sent each time: call about once a second."""
         if not self._path:
             return
         rows = np.vstack(self._path)
@@ -149,7 +149,7 @@ class LiveDrawing:
         )
 
     def _style(self, path: str, name: str, colour: tuple[int, int, int]) -> None:
-        # A peak must not vanish in the average of what is seen from afar.
+        # Zoomed out, a view must show peaks, not averages.
         extremes = rr.components.AggregationPolicy.MinMax
         style = rr.SeriesLines(colors=colour, names=name, widths=1.2, aggregation_policy=extremes)
         self.recording.log(path, style, static=True)
@@ -159,5 +159,5 @@ class LiveDrawing:
 
 
 def _ends(t_s: FloatArray) -> Times:
-    """First and last instant of a batch: limit lines grow with the curves."""
+    """First and last instant of a batch, for the limit lines."""
     return [along_time(t_s[[0, -1]])]

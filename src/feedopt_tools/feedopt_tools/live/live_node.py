@@ -1,4 +1,4 @@
-"""A node that watches a running graph and draws it. It takes no part in the graph: nobody waits for it."""
+"""A node that draws a running graph. It only listens: no other node waits for it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 
 class LiveNode(Node):
-    """Subscribes to what is drawn; :meth:`draw` is called many times a second and empties the subscriptions."""
+    """Subscribes to the drawn topics. :meth:`draw` empties the subscriptions; call it many times a second."""
 
     def __init__(self, recording: rr.RecordingStream) -> None:
         super().__init__(NODE_NAME)
@@ -48,7 +48,7 @@ class LiveNode(Node):
         self.drawn_setpoints = 0
 
     def draw(self) -> None:
-        """Draw what has come since the last call."""
+        """Draw all messages since the last call."""
         for message, _ in take_all(self._machine):
             self._begin(LiveDrawing(self._recording, machine_from_message(message)))
         batches = {
@@ -57,7 +57,7 @@ class LiveNode(Node):
         }
         drawing = self._drawing
         if drawing is None:
-            # Without the machine nobody knows the axes; it is latched and comes first.
+            # The axes are unknown until /machine arrives. It is latched.
             return
         if batches[_SETPOINTS]:
             setpoints = setpoints_from_topic(self._topic(_SETPOINTS, batches[_SETPOINTS]))
@@ -101,7 +101,7 @@ class LiveNode(Node):
         return dict(get_types_from_msg(self._schemas.schema(type_name), type_name))
 
     def _topic(self, name: str, payloads: Sequence[bytes]) -> TopicMessages:
-        """Payloads of one layout as the bag reader takes them."""
+        """Payloads of one layout, in the form that the bag reader expects."""
         now_ns = np.full(len(payloads), self.get_clock().now().nanoseconds, dtype=np.int64)
         block = np.frombuffer(b"".join(payloads), dtype=np.uint8).reshape(len(payloads), -1)
         return TopicMessages(name, self._graph.topics[name].type, self._definitions[name], now_ns, now_ns, [block])

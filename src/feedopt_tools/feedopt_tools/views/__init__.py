@@ -1,1 +1,1 @@
-"""Looking at a recorded run: Rerun recordings, their layout, and pictures."""
+"""Views of a recorded run: Rerun recordings with their layout, and pictures."""

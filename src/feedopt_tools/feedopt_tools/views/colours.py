@@ -1,4 +1,4 @@
-"""Colours that Rerun and the pictures share, readable on dark and on white."""
+"""Colours shared by Rerun views and pictures, readable on dark and on white."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LIMIT_KINDS = {
     "control_signal": (232, 92, 60),
     "tracking_error": (148, 104, 228),
 }
-# The second axis is told from the first by lightness, not by another hue: the hue is the quantity.
+# The hue stands for the quantity, the lightness for the axis.
 _LIGHTER = (0.0, 0.42, -0.4, 0.68, -0.6, 0.21)
 
 
@@ -44,11 +44,11 @@ def limit_colour(key: str, axis: int | None) -> tuple[int, int, int]:
 
 def feed_colours(feedrate_mm_s: FloatArray, top_mm_s: float) -> NDArray[np.uint8]:
     """Colours of feedrates from standstill to ``top_mm_s``, shape (n, 3)."""
-    # The ends of the map are too dark to be seen on a dark ground.
+    # The ends of the colour map are too dark for a dark background.
     place = 0.08 + 0.84 * np.clip(feedrate_mm_s / top_mm_s, 0.0, 1.0)
     return np.asarray(np.round(255.0 * mpl.colormaps[FEED_MAP](place)[:, :3]), dtype=np.uint8)
 
 
 def unit_colour(colour: tuple[int, int, int]) -> tuple[float, float, float]:
-    """The colour in parts of one, as matplotlib takes it."""
+    """The colour with components from 0 to 1, as matplotlib expects."""
     return (colour[0] / 255.0, colour[1] / 255.0, colour[2] / 255.0)

@@ -1,4 +1,4 @@
-"""The pages of a run's views: what each shows beside which colouring of the path."""
+"""The pages of a run: title of each, and the colouring of the path beside it."""
 
 from __future__ import annotations
 

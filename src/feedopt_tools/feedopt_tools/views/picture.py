@@ -1,4 +1,4 @@
-"""Pictures of a run: drawn by Rerun where it can draw, else by matplotlib with the same content."""
+"""Pictures of a run: drawn by Rerun if it can draw here, otherwise by matplotlib with the same content."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from feedopt_tools.views.signals.scene import RunScene, scene_of
 from feedopt_tools.views.signals.survey_scene import SurveyScene
 
 DRAWERS = ("any", "rerun", "matplotlib")
-# Where the cursor stands: far enough for the tool to be seen on its way.
+# Position of the time cursor: the tool is then visible on its path.
 _CURSOR_RATIO = 0.42
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture that was drawn.
+    """A drawn picture.
 
     Attributes:
         path: the PNG.
@@ -62,12 +62,12 @@ def draw_page(
         by: ``rerun``, ``matplotlib``, or ``any``: Rerun first, matplotlib where it cannot.
 
     Raises:
-        ViewError: the page has nothing to show, the picture cannot be written, or Rerun was demanded and cannot draw.
+        ViewError: the page is empty, the file cannot be written, or Rerun was demanded and cannot draw.
     """
     there = pages_of(scene)
     if page not in there:
         raise ViewError(
-            f"{scene.signals.run.path}: holds nothing for the page {page.key}; "
+            f"{scene.signals.run.path}: holds no data for the page {page.key}; "
             f"there are: {', '.join(one.key for one in there)}"
         )
     line = over or page.over
@@ -84,7 +84,7 @@ def draw_pages(scene: RunScene, folder: Path, *, by: str = "any") -> tuple[Pictu
     """Draw every page of a run into a folder, as ``<page>.png``. Raises ViewError."""
     pictures = list[Picture]()
     for page in pages_of(scene):
-        # What could not be drawn once is not tried again for every page.
+        # If Rerun cannot draw one page, matplotlib draws the others.
         drawer = "matplotlib" if pictures and pictures[-1].drawn_by == "matplotlib" else by
         pictures.append(draw_page(scene, folder / f"{page.key}.png", page, by=drawer))
     return tuple(pictures)
@@ -93,7 +93,7 @@ def draw_pages(scene: RunScene, folder: Path, *, by: str = "any") -> tuple[Pictu
 def draw_comparison_picture(
     comparison: Comparison, picture: Path, over: str = "arc-length", *, by: str = "any"
 ) -> Picture:
-    """Draw two runs beside each other. Raises ViewError."""
+    """Draw the comparison of two runs. Raises ViewError."""
     return _draw(
         picture,
         by,

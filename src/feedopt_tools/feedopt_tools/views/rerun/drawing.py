@@ -1,4 +1,4 @@
-"""The entities of a run in its Rerun recording."""
+"""Writes the entities of a run into a Rerun recording."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _STATE_COLOURS = {
 
 
 def draw_run(recording: rr.RecordingStream, scene: RunScene) -> None:
-    """Write everything of a run into a recording."""
+    """Write all entities of a run into a recording."""
     _Drawing(recording, scene).draw()
 
 
@@ -66,7 +66,7 @@ class _Drawing:
         measured, commanded = quantity.measured, quantity.commanded
         colour = axis_colour(axis)
         if measured is not None:
-            # Curves are drawn in the order of their names: the prediction over what it predicts.
+            # Rerun draws curves in the order of their names: the prediction must come last.
             self.curves.curve(f"{path}/actual", self.at_states, measured[:, axis], "simulated", colour)
         if commanded is not None:
             name, own = ("predicted", PREDICTED) if quantity.key in _MODELLED else ("commanded", colour)
@@ -75,7 +75,7 @@ class _Drawing:
         self.curves.limits(f"{path}/limit", self.at_ends, [limit, -limit])
 
     def _limit_use(self) -> None:
-        """Use of every limit in per cent, and which one binds as states on a lane."""
+        """Utilisation of every limit in per cent, and the binding limit as states."""
         use, signals = self.scene.limit_use, self.signals
         if not use.limits:
             return
@@ -109,7 +109,7 @@ class _Drawing:
         chunks = self.signals.run.chunks
         if not chunks:
             return
-        # Each chunk holds from where it takes over; the last one to the end of its committed part.
+        # Each chunk holds until the next one takes over, the last one to the end of its committed part.
         held = [*chunks, chunks[-1]]
         t_s = np.array([*(chunk.t_start_s for chunk in chunks), chunks[-1].t_commit_s])
         s_mm = np.array([*(chunk.s_start_mm for chunk in chunks), chunks[-1].s_commit_mm])

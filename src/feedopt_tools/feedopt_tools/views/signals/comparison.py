@@ -1,4 +1,4 @@
-"""Two runs beside each other: the same curves of both over time and over arc length, and their difference."""
+"""Compares two runs: the curves of both over time and over arc length, and their difference."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _AXIS_KEYS = ("tracking_error", "control_signal", "velocity", "acceleration", "j
 
 @dataclass(frozen=True)
 class Overlay:
-    """The values of both runs at common places, shape (n,) each; NaN where one of them has ended."""
+    """Values of both runs at common times or arc lengths, shape (n,) each; NaN after the end of a run."""
 
     at: FloatArray
     first: FloatArray
@@ -30,7 +30,7 @@ class Overlay:
 
     @property
     def difference(self) -> FloatArray:
-        """Second minus first."""
+        """Values of the second run minus those of the first."""
         return self.second - self.first
 
 
@@ -59,10 +59,10 @@ class Comparison:
 
     Attributes:
         first, second: the runs.
-        names: what they are called; different ones.
-        curves: what both have.
-        reached_s: when each arc length is reached, over the arc length; its difference is the time that is lost.
-        remark: why arc lengths may not be the same places; else empty.
+        names: of the runs; always different.
+        curves: the curves that both runs have.
+        reached_s: time at which each arc length is reached; the difference is the time lost by the second run.
+        remark: warning if the paths differ in length; otherwise empty.
     """
 
     first: RunScene
@@ -74,14 +74,14 @@ class Comparison:
 
 
 def compare(first: RunScene, second: RunScene) -> Comparison:
-    """Put two runs beside each other.
+    """Compare two runs.
 
     Raises:
-        ViewError: one of them does not move.
+        ViewError: a run holds no motion.
     """
     for scene in (first, second):
         if scene.signals.s_mm[-1] - scene.signals.s_mm[0] <= _LEAST_STEP_MM:
-            raise ViewError(f"{scene.signals.run.path}: nothing moved: there is nothing to compare")
+            raise ViewError(f"{scene.signals.run.path}: the run holds no motion, so there is nothing to compare")
     common = _Common(first.signals, second.signals)
     ones = [common.curve("feed", "feedrate, mm/s", (first.signals.feedrate_mm_s, second.signals.feedrate_mm_s))]
     if first.limit_use.limits and second.limit_use.limits:
@@ -120,7 +120,7 @@ class _Common:
         self.pair = (first, second)
         start_s, end_s = min(first.t_s[0], second.t_s[0]), max(first.t_s[-1], second.t_s[-1])
         self.t_s = TICK_S * np.arange(round(start_s / TICK_S), round(end_s / TICK_S) + 1)
-        # An arc length at which the machine waits counts once, when it is reached.
+        # Where the machine waits, its arc length counts once: at arrival.
         self.rows = tuple(np.concatenate([[True], np.diff(one.s_mm) > _LEAST_STEP_MM]) for one in self.pair)
         s_mm = first.s_mm[self.rows[0]]
         self.s_mm = s_mm[s_mm <= second.s_mm[-1]]
@@ -145,7 +145,7 @@ class _Common:
 
 
 def _axis_curves(common: _Common, first: RunSignals, second: RunSignals) -> list[ComparedCurve]:
-    """Curves of the axes that both have: measured where both measured, else as commanded."""
+    """Curves of the axes that both runs have: measured values if both have them, otherwise commanded ones."""
     curves = list[ComparedCurve]()
     for key in _AXIS_KEYS:
         one, other = first.quantities[key], second.quantities[key]
@@ -178,7 +178,7 @@ def _both(
 
 
 def _names(first: RunScene, second: RunScene) -> tuple[str, str]:
-    """Titles where they differ, else planning methods, else folders, else first and second."""
+    """Names that differ: titles, else planning methods, else folders, else "first" and "second"."""
     runs = first.signals.run, second.signals.run
     folders = [run.path.parent.name if run.path.name == BAG_NAME else run.path.name for run in runs]
     methods = [run.chunks[0].figures.method if run.chunks else "" for run in runs]

@@ -1,4 +1,4 @@
-"""Contour error: how far the tool went beside the commanded path, apart from how far it lagged behind along it."""
+"""Contour error: distance of the tool from the commanded path. The lag along the path is separate."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ _DRAWN_RATIO = 0.03
 
 @dataclass(frozen=True)
 class ContourError:
-    """Actual against commanded path; rows of the states that have a set point.
+    """Actual and commanded path, one row for each state that has a set point.
 
     Attributes:
         t_s, s_mm: motion time and commanded arc length, shape (m,).
         nearest_mm: nearest point of the commanded path, shape (m, 3).
         actual_mm: actual tool position, shape (m, 3).
-        error_um: distance of the two; on a flat path above zero to the left of travel, shape (m,).
-        lag_um: how far along the path the tool is behind, shape (m,).
-        factor: by how much the error is exaggerated when it is drawn: 1, 2 or 5 times a power of ten.
+        error_um: distance between the two, shape (m,); on a plane path positive to the left of travel.
+        lag_um: lag of the tool along the path, shape (m,).
+        factor: factor by which drawings enlarge the error: 1, 2 or 5 times a power of ten.
     """
 
     t_s: FloatArray
@@ -38,12 +38,12 @@ class ContourError:
 
     @property
     def exaggerated_mm(self) -> FloatArray:
-        """Actual path with its distance from the commanded one multiplied by :attr:`factor`, shape (m, 3)."""
+        """Actual path with its contour error multiplied by :attr:`factor`, shape (m, 3)."""
         return self.nearest_mm + self.factor * (self.actual_mm - self.nearest_mm)
 
 
 def contour_of(signals: RunSignals) -> ContourError | None:
-    """Contour error of a run; None without states, or where nothing moved.
+    """Contour error of a run; None without states or without motion.
 
     The commanded path is a cubic spline through the commanded positions; the nearest point on it is found by Newton
     steps from the commanded one, so that a path that crosses itself does not hide an error.

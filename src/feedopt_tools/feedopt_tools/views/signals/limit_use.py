@@ -1,4 +1,4 @@
-"""How much of each limit a motion uses along its path, and which limit binds where."""
+"""Utilisation of each limit along the path, and which limit binds where."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from feedopt_core.arrays import FloatArray, IntArray
 from feedopt_tools.views.signals.signals import RunSignals
 
 NEAR_RATIO = 0.95
-"""From this part of a limit on it holds the motion back. A sampled jerk stays a little below its limit."""
+"""A limit binds from this utilisation on. A sampled jerk stays a little below its limit."""
 NONE = -1
 _QUANTITY_NAMES = {
     "velocity": "velocity",
@@ -42,9 +42,9 @@ class LimitUse:
     """Use of every limit at the set points.
 
     Attributes:
-        limits: the limits that there are, k of them.
+        limits: all limits of the run, k of them.
         ratio: planned value over limit, shape (n, k).
-        closest_ratio: the largest of them, shape (n,); 0 without any limit.
+        closest_ratio: the largest ratio, shape (n,); 0 without any limit.
         active: index of the limit that binds, shape (n,); :data:`NONE` where all are below :data:`NEAR_RATIO`.
     """
 
@@ -54,14 +54,14 @@ class LimitUse:
     active: IntArray
 
     def stretches(self) -> list[tuple[int, int, int]]:
-        """Runs of one active limit: first row, last row, index of the limit."""
+        """Stretches of one binding limit: first row, last row, index of the limit."""
         edges = np.flatnonzero(np.diff(self.active)) + 1
         firsts = np.concatenate([[0], edges]).tolist()
         lasts = np.concatenate([edges - 1, [len(self.active) - 1]]).tolist()
         return [(first, last, int(self.active[first])) for first, last in zip(firsts, lasts, strict=True)]
 
     def shares(self, weight: FloatArray) -> list[tuple[str, float]]:
-        """Part of a weight, such as path length, that each limit binds; largest first, ``none`` last.
+        """Share of a weight, such as path length, on which each limit binds; largest first, ``none`` last.
 
         Args:
             weight: of each set point, shape (n,), not negative.
@@ -75,7 +75,7 @@ class LimitUse:
 
 
 def limit_use_of(signals: RunSignals) -> LimitUse:
-    """Use of the limits by the planned motion: kinematics of the set points, predictions of the machine's models."""
+    """Utilisation of the limits by the plan: kinematics of the set points, and the machine's drive models."""
     limits, columns = list[Limit](), list[FloatArray]()
     feed_limit = feed_limit_of(signals)
     if feed_limit is not None:
@@ -100,7 +100,7 @@ def limit_use_of(signals: RunSignals) -> LimitUse:
 
 
 def feed_limit_of(signals: RunSignals) -> FloatArray | None:
-    """The lower one of programmed and machine feed at the set points, mm/s; None where neither is known."""
+    """Lower of programmed and machine feed limit at the set points, mm/s; None if neither is known."""
     machine = signals.feed_limit_mm_s if np.isfinite(signals.feed_limit_mm_s) else np.inf
     programmed = np.full(len(signals.t_s), np.inf) if signals.programmed_mm_s is None else signals.programmed_mm_s
     limit = np.minimum(programmed, machine)
@@ -108,5 +108,5 @@ def feed_limit_of(signals: RunSignals) -> FloatArray | None:
 
 
 def path_weight_mm(signals: RunSignals) -> FloatArray:
-    """Path length that each set point stands for, shape (n,)."""
+    """Path length represented by each set point, shape (n,), mm."""
     return np.asarray(np.gradient(signals.s_mm)) if len(signals.s_mm) > 1 else np.zeros(len(signals.s_mm))

@@ -1,4 +1,4 @@
-"""The path as it was programmed, before smoothing: read again from the program's text inside the bag."""
+"""The programmed path before smoothing, read from the program text in the bag."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ProgrammedPath:
 
 
 def programmed_path(run: RunData) -> ProgrammedPath:
-    """Programmed path of a run; without strips, and with a remark, where the text is missing or cannot be read."""
+    """Programmed path of a run; without strips and with a remark if the text is missing or cannot be read."""
     program = run.provenance.get("feedopt/program", {})
     text, name = program.get("text", ""), program.get("name", "")
     if not text:
@@ -49,7 +49,7 @@ def programmed_path(run: RunData) -> ProgrammedPath:
 
 
 def path_of_moves(moves: Iterable[Move]) -> ProgrammedPath:
-    """Points along moves; arcs and curves are sampled finely enough to look at. Raises ToolpathError of the reader."""
+    """Points along moves; arcs and curves are sampled finely enough for drawing. Raises ToolpathError of the reader."""
     strips, rapid = list[FloatArray](), list[bool]()
     for move in moves:
         if isinstance(move, LineMoves):

@@ -1,4 +1,4 @@
-"""What happened during a run, in order: program lines and words, stops and dwells, states of the nodes, faults."""
+"""Events of a run in order of time: program words, stops and dwells, states of the nodes, faults."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from feedopt_recorder.bags.check_bag import check_run
 from feedopt_recorder.bags.run_data import TICK_S, StatusRow
 from feedopt_tools.views.signals.signals import RunSignals
 
-# The numbers are those of NodeStatus.
+# Same order as the constants of NodeStatus.
 STATES = ("STARTING", "READY", "RUNNING", "DONE", "FAULT")
 _FAULT = 4
 _MANY = 500
@@ -22,13 +22,13 @@ _APART_TICKS = 200
 
 @dataclass(frozen=True)
 class RunEvent:
-    """One thing that happened.
+    """One event.
 
     Attributes:
         t_s, s_mm: motion time and arc length.
         source: node, ``program`` or ``recording``.
         level: ``INFO``, ``WARN`` or ``ERROR``.
-        text: what.
+        text: description.
     """
 
     t_s: float
@@ -40,7 +40,7 @@ class RunEvent:
 
 @dataclass(frozen=True)
 class NodeState:
-    """State a node was in from a motion time on."""
+    """State of a node from a motion time on."""
 
     node: str
     t_s: float
@@ -48,7 +48,7 @@ class NodeState:
 
 
 def events_of(signals: RunSignals) -> tuple[RunEvent, ...]:
-    """Events of a run in order of time; what a recording misses comes first."""
+    """Events of a run in order of time. Gaps of the recording come first."""
     found = [*_program_events(signals), *_chunk_events(signals), *_status_events(signals), *_late_ticks(signals)]
     missing = [
         RunEvent(float(signals.t_s[0]), 0.0, "recording", "WARN", f"{finding.place}: {finding.text}")
@@ -68,7 +68,7 @@ def node_states(signals: RunSignals) -> tuple[NodeState, ...]:
 
 
 def motion_time_of(signals: RunSignals, received_ns: int) -> float:
-    """Motion time at a wall-clock time, kept inside the recorded motion."""
+    """Motion time at a wall-clock time, limited to the recorded motion."""
     setpoints = signals.run.setpoints
     zero_ns = int(setpoints.stamp_ns[0]) - round(float(setpoints.tick[0]) * TICK_S * NS_PER_S)
     t_s = (received_ns - zero_ns) / NS_PER_S
@@ -94,15 +94,15 @@ def _program_events(signals: RunSignals) -> Iterator[RunEvent]:
             yield RunEvent(start_s, place.s_start_mm, "program", "INFO", f"line {place.source_line}: {text}")
         if place.exact_stop and not place.last:
             end_mm = place.s_start_mm + segment.length_mm
-            dwell = f", waits {place.dwell_s:g} s" if place.dwell_s > 0.0 else ""
-            text = f"line {place.source_line}: comes to rest{dwell}"
+            dwell = f", dwell {place.dwell_s:g} s" if place.dwell_s > 0.0 else ""
+            text = f"line {place.source_line}: stop{dwell}"
             yield RunEvent(_time_at(signals, end_mm), end_mm, "program", "INFO", text)
 
 
 def _chunk_events(signals: RunSignals) -> Iterator[RunEvent]:
     for chunk in signals.run.chunks:
         if chunk.figures.fallback:
-            text = f"chunk {chunk.sequence}: no plan for its window, ends in a stop"
+            text = f"chunk {chunk.sequence}: the window had no plan, the chunk ends in a stop"
             yield RunEvent(chunk.t_start_s, chunk.s_start_mm, "planner", "WARN", text)
 
 
@@ -118,12 +118,15 @@ def _status_events(signals: RunSignals) -> Iterator[RunEvent]:
         text = ": ".join(filter(None, (_state_name(status), status.text)))
         level = "ERROR" if status.state == _FAULT else "INFO"
         if status.starved_chunk_sequence:
-            level, text = "WARN", f"{text}: came to rest behind chunk {status.starved_chunk_sequence}, none followed"
+            level, text = (
+                "WARN",
+                f"{text}: stopped after chunk {status.starved_chunk_sequence} because no further chunk came",
+            )
         yield RunEvent(t_s, s_mm, status.node, level, text)
 
 
 def _late_ticks(signals: RunSignals) -> Iterator[RunEvent]:
-    """Stretches in which set points were late by a period or more; those close to each other are one."""
+    """Stretches of set points that were late by a period or more. Stretches close together are merged."""
     late = np.flatnonzero(signals.lateness_ms >= 1e3 * TICK_S)
     if not len(late):
         return
@@ -134,7 +137,7 @@ def _late_ticks(signals: RunSignals) -> Iterator[RunEvent]:
 
 
 def _time_at(signals: RunSignals, s_mm: float) -> float:
-    """When an arc length is reached."""
+    """Motion time at which an arc length is reached."""
     row = min(int(np.searchsorted(signals.s_mm, s_mm)), len(signals.t_s) - 1)
     return float(signals.t_s[row])
 

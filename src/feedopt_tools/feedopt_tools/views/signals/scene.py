@@ -1,4 +1,4 @@
-"""Everything that is drawn of one run, computed once."""
+"""All data drawn of one run, computed once."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PLANNER = "planner"
 
 @dataclass(frozen=True)
 class Reserve:
-    """How far the plan was ahead of the motion, at the reports of the planner: shape (k,) each."""
+    """Lead of the plan over the motion at each report of the planner, shape (k,) each."""
 
     t_s: FloatArray
     s_mm: FloatArray
@@ -28,7 +28,7 @@ class Reserve:
 
 @dataclass(frozen=True)
 class RunScene:
-    """One run with what its views show beyond the curves: limits in use, contour error, program, events."""
+    """One run with all data of its views: signals, limit utilisation, contour error, program, events."""
 
     signals: RunSignals
     limit_use: LimitUse
@@ -40,17 +40,17 @@ class RunScene:
 
     @property
     def error_um(self) -> FloatArray | None:
-        """Largest size of the tracking error of any axis at the set points: simulated, else predicted."""
+        """Largest absolute tracking error of any axis at the set points: simulated if recorded, else predicted."""
         return self._at_setpoints("tracking_error")
 
     @property
     def control_volts(self) -> FloatArray | None:
-        """Largest size of the control signal of any axis at the set points: simulated, else predicted."""
+        """Largest absolute control signal of any axis at the set points: simulated if recorded, else predicted."""
         return self._at_setpoints("control_signal")
 
     @property
     def least_reserve_s(self) -> float | None:
-        """How little the plan was ahead of the motion before all of it was planned; None: it always was."""
+        """Least lead of the plan over the motion until planning ended; None if planning ended before the motion."""
         if self.reserve is None:
             return None
         end_s = self.signals.run.chunks[-1].t_commit_s
@@ -66,10 +66,10 @@ class RunScene:
 
 
 def scene_of(run: RunData) -> RunScene:
-    """Everything that is drawn of a run.
+    """All data drawn of a run.
 
     Raises:
-        ViewError: there is nothing to draw.
+        ViewError: the run holds nothing to draw.
     """
     signals = signals_of(run)
     return RunScene(
@@ -84,7 +84,7 @@ def scene_of(run: RunData) -> RunScene:
 
 
 def _reserve(signals: RunSignals) -> Reserve | None:
-    """Committed motion time ahead of the motion, wherever the planner reported while the machine moved."""
+    """Lead of the committed over the executed motion time, at each planner report during the motion."""
     run = signals.run
     if not run.chunks:
         return None

@@ -1,4 +1,4 @@
-"""The curves of a run that its views and pictures show, in one place so that all of them show the same."""
+"""The signals of a run that every view and picture shows."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class RunSignals:
-    """Everything that is drawn of one run.
+    """All signals of one run.
 
     Attributes:
         t_s, s_mm, feedrate_mm_s, lateness_ms: at the set points, shape (n,).
@@ -81,7 +81,7 @@ def signals_of(run: RunData) -> RunSignals:
     setpoints, states = run.setpoints, run.states
     if len(setpoints) < 2:
         raise ViewError(
-            f"{run.path}: no set points of program {run.program_id} were recorded: there is nothing to draw"
+            f"{run.path}: the recording holds no set points of program {run.program_id}, so there is nothing to draw"
         )
     answered = np.clip(np.searchsorted(setpoints.tick, states.tick), 0, len(setpoints) - 1)
     return RunSignals(
@@ -99,7 +99,7 @@ def signals_of(run: RunData) -> RunSignals:
 
 
 def speed_pieces(s_mm: FloatArray, count: int) -> list[tuple[int, int]]:
-    """Split a path into pieces of equal length: index ranges (first, last), last included, so that neighbours touch."""
+    """Split a path into pieces of equal length: index ranges (first, last), both included. Neighbours share a point."""
     marks = np.linspace(s_mm[0], s_mm[-1], count + 1)
     edges = np.unique(np.concatenate([[0], np.searchsorted(s_mm, marks[1:-1]), [len(s_mm) - 1]]))
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
@@ -152,7 +152,7 @@ def _quantities(run: RunData) -> dict[str, Quantity]:
 
 
 def _given(limits: tuple[float, ...]) -> tuple[float, ...] | None:
-    """Limits to draw; None where the machine file gives none for any axis."""
+    """Limits to draw; None if the machine file gives none for any axis."""
     return limits if np.any(np.isfinite(limits)) else None
 
 

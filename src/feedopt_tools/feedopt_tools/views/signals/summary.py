@@ -1,4 +1,4 @@
-"""The figures of a run in a few lines of Markdown."""
+"""Figures of a run as a short Markdown table."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LEAST_SHARE = 0.01
 
 
 def summary_markdown(scene: RunScene) -> str:
-    """What an engineer wants to know first: how long, how close to which limit, how well followed, what is missing."""
+    """The first figures of a run: motion time, closest limit, tracking, gaps of the recording."""
     signals, run = scene.signals, scene.signals.run
     rows = [
         ("motion time", f"{run.motion_time_s:.3f} s"),
@@ -58,7 +58,7 @@ def summary_markdown(scene: RunScene) -> str:
 
 
 def recorder_share(run: RunData) -> float | None:
-    """Part of a core that the recorder took, as it wrote into the bag at its end; None where it did not."""
+    """Share of a core used by the recorder, from the bag; None if not recorded."""
     try:
         return float(json.loads(run.provenance["feedopt/recorder"]["summary"])["cpu_share_ratio"])
     except (KeyError, ValueError, TypeError):
@@ -66,7 +66,7 @@ def recorder_share(run: RunData) -> float | None:
 
 
 def _binding_limits(scene: RunScene) -> list[tuple[str, str]]:
-    """Which limit binds on how much of the path."""
+    """Shares of the path on which each limit binds."""
     shares = scene.limit_use.shares(path_weight_mm(scene.signals))
     parts = [f"{label} {100.0 * share:.0f} %" for label, share in shares if share >= _LEAST_SHARE]
     return [("binds on the path", ", ".join(parts))] if parts else []

@@ -1,4 +1,4 @@
-"""What is drawn of a program and its smoothed path, computed once."""
+"""All data drawn of a program and its smoothed path, computed once."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from feedopt_tools.views.signals.programmed import ProgrammedPath, path_of_moves
 
 _CURVE_POINTS = 24
 _LEAST_SAMPLES = 6000
-"""Of a curve along the path: what is drawn small shows extremes of neighbours, and would join far ones by a slope."""
+"""Fewest samples of a curve along the path: with fewer, distant samples would be joined by a slope."""
 
 
 @dataclass(frozen=True)
 class SurveyScene:
-    """A program as its view shows it.
+    """All data of a survey view.
 
     Attributes:
         name: of the program.
@@ -54,7 +54,7 @@ class SurveyScene:
 
 
 def survey_scene(name: str, survey: Survey) -> SurveyScene:
-    """What is drawn of a survey."""
+    """Data drawn of a survey."""
     strips, curvature = list[FloatArray](), list[tuple[FloatArray, FloatArray]]()
     for segment in survey.segments:
         along_mm = np.linspace(0.0, segment.length_mm, 2 if segment.kind == 0 else _CURVE_POINTS)
@@ -89,7 +89,7 @@ def survey_scene(name: str, survey: Survey) -> SurveyScene:
 
 
 def _filled(s_mm: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A curve with further samples on its chords where it has few."""
+    """A curve with additional points on long chords."""
     more_mm = np.linspace(s_mm[0], s_mm[-1], _LEAST_SAMPLES)
     order = np.argsort(np.concatenate([s_mm, more_mm]), kind="stable")
     found = np.concatenate([values, np.interp(more_mm, s_mm, values)])
@@ -97,7 +97,7 @@ def _filled(s_mm: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def survey_rows(figures: SurveyFigures) -> list[tuple[str, str]]:
-    """Figures as what they are and their text, for tables."""
+    """Figures as pairs of name and text, for tables."""
     kinds = ", ".join(f"{count} {kind}" for kind, count in figures.segments.items())
     by_kind = {
         "straight": figures.straight_moves,
