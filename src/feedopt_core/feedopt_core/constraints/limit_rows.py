@@ -16,12 +16,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feedopt_core.arrays import FloatArray
+from feedopt_core.arrays import FloatArray, RecordArray, record
 from feedopt_core.compiled import compiled
 from feedopt_core.constraints.axis_geometry import AxisGeometry, q_limit
 from feedopt_core.machine.limits import MotionLimits
-from feedopt_core.solver.interior_point_data import BEND, LINE, ROOT, ROW_SIZE, Rows
+from feedopt_core.solver.interior_point_data import DOWN, ROW, UP, Rows
 
+_VELOCITY = 0
+"""Place of the row of the velocity among those of a point."""
 _NO_DIRECTION = 1e-9
 """Below this share of the path's motion an axis may move either way: friction counts against both sides."""
 _SAME = 1e-6
@@ -37,6 +39,10 @@ class _Recipe(NamedTuple):
     velocity: float = 0.0
     offset: float = 0.0
     friction: float = 0.0
+
+
+_RECIPE = record(axis="i8", acceleration="f8", jerk="f8", velocity="f8", offset="f8", friction="f8")
+"""A :class:`_Recipe` for compiled code."""
 
 
 def limit_rows(
@@ -55,13 +61,13 @@ def limit_rows(
         weights_mm: quadrature weights, shape (p, m); a point without one has no limits either.
         scale: factor on every limit at the points, shape (p, m), at most 1.
     """
-    recipes = np.array(_recipes(limits)).reshape(-1, len(_Recipe._fields))
+    recipes = np.array(_recipes(limits), _RECIPE)
     shape = (*weights_mm.T.shape, 1 + len(recipes))
-    coefficients, inverse_limits = np.empty((*shape, ROW_SIZE)), np.empty((*shape, 2))
+    coefficients, inverse_limits = np.zeros(shape, ROW), np.zeros((*shape, 2))
     inverse_bound = 1.0 / (q_limit(geometry, limits.kinematic) * scale**2)
     factors = (weights_mm > 0.0) / scale
     _fill(coefficients, inverse_limits, geometry.g1, geometry.g2, geometry.g3, inverse_bound, factors, recipes)
-    over_root = np.concatenate([[0.0], recipes[:, _Recipe._fields.index("jerk")] != 0.0])
+    over_root = np.concatenate([[0.0], recipes["jerk"] != 0.0])
     local = np.ascontiguousarray(np.stack(basis).transpose(3, 2, 0, 1))
     return Rows(local, np.ascontiguousarray(weights_mm.T), coefficients, inverse_limits, over_root)
 
@@ -112,55 +118,54 @@ def _lowest_of_alike(limits: FloatArray, axis_matrix: FloatArray) -> FloatArray:
 
 @compiled
 def _fill(
-    coefficients: FloatArray,
+    coefficients: RecordArray,
     inverse_limits: FloatArray,
     g1: FloatArray,
     g2: FloatArray,
     g3: FloatArray,
     inverse_bound: FloatArray,
     factors: FloatArray,
-    recipes: FloatArray,
+    recipes: RecordArray,
 ) -> None:
     """Rows at all points.
 
     Args:
-        coefficients, inverse_limits: of :class:`Rows`, filled.
+        coefficients, inverse_limits: of :class:`Rows`, zero; filled where there is a limit.
         g1, g2, g3: geometry, shape (n_axes, p, m).
         inverse_bound: one over the largest q, shape (p, m).
         factors: one over the factor on the limits, 0 at points without limits, shape (p, m).
-        recipes: shape (n - 1, 6), see ``_Recipe``.
+        recipes: of type _RECIPE, shape (n - 1,).
     """
-    coefficients[:], inverse_limits[:] = 0.0, 0.0
     points, spans = factors.shape
     for k in range(spans):
         for p in range(points):
             factor = factors[p, k]
             if factor == 0.0:
                 continue
-            coefficients[k, p, 0, LINE], inverse_limits[k, p, 0, 0] = inverse_bound[p, k], 1.0
+            coefficients[k, p, _VELOCITY].on_q, inverse_limits[k, p, _VELOCITY, UP] = inverse_bound[p, k], 1.0
             for i in range(len(recipes)):
-                axis = int(recipes[i, 0])
+                recipe = recipes[i]
+                axis = recipe.axis
                 d1, d2, d3 = g1[axis, p, k], g2[axis, p, k], g3[axis, p, k]
                 if d1 == 0.0 and d2 == 0.0 and d3 == 0.0:
                     # A limit of an axis that stands still says nothing.
                     continue
-                on_a, on_j, on_v = recipes[i, 1] * factor, recipes[i, 2] * factor, recipes[i, 3] * factor
-                offset, friction = recipes[i, 4] * factor, recipes[i, 5] * factor
+                on_a, on_j, on_v = recipe.acceleration * factor, recipe.jerk * factor, recipe.velocity * factor
+                offset, friction = recipe.offset * factor, recipe.friction * factor
                 row, inverse = coefficients[k, p, i + 1], inverse_limits[k, p, i + 1]
-                row[LINE], row[LINE + 1] = on_a * d2, 0.5 * on_a * d1
-                row[BEND], row[BEND + 1], row[BEND + 2] = on_j * d3, 1.5 * on_j * d2, 0.5 * on_j * d1
-                row[ROOT] = on_v * d1
+                row.on_q, row.on_slope = on_a * d2, 0.5 * on_a * d1
+                row.on_root_q, row.on_root_slope, row.on_root_bend = on_j * d3, 1.5 * on_j * d2, 0.5 * on_j * d1
+                row.on_root = on_v * d1
                 # An axis that hardly moves may do so in either direction between the points.
                 both = abs(d1) < _NO_DIRECTION
                 forwards = friction if both else np.sign(d1) * friction
                 backwards = friction if both else -forwards
-                inverse[0], inverse[1] = 1.0 / (1.0 - offset - forwards), 1.0 / (1.0 + offset - backwards)
+                inverse[UP], inverse[DOWN] = 1.0 / (1.0 - offset - forwards), 1.0 / (1.0 + offset - backwards)
 
 
 def release_start_state(rows: Rows) -> None:
     """Take the rows without q'' off the very start: a given state there cannot be chosen any more."""
-    given = ~np.any(rows.coefficients[0, 0, :, BEND : BEND + 3], axis=-1)
-    rows.inverse_limits[0, 0, given] = 0.0
+    rows.inverse_limits[0, 0, rows.over_root == 0.0] = 0.0
 
 
 def drop_repeated(rows: Rows) -> None:
@@ -169,7 +174,7 @@ def drop_repeated(rows: Rows) -> None:
 
 
 @compiled
-def _drop_repeated(coefficients: FloatArray, inverse_limits: FloatArray, over_root: FloatArray) -> None:
+def _drop_repeated(coefficients: RecordArray, inverse_limits: FloatArray, over_root: FloatArray) -> None:
     last = coefficients.shape[1] - 1
     for k in range(len(coefficients) - 1):
         for i in range(len(over_root)):
@@ -177,9 +182,9 @@ def _drop_repeated(coefficients: FloatArray, inverse_limits: FloatArray, over_ro
                 continue
             # q and q' are continuous: what is left of such a row are its factors of q, q' and sqrt(q), and its limits.
             end, start = coefficients[k, last, i], coefficients[k + 1, 0, i]
-            same = _close(end[LINE], start[LINE]) and _close(end[LINE + 1], start[LINE + 1])
-            same = same and _close(end[ROOT], start[ROOT])
-            for side in range(2):
+            same = _close(end.on_q, start.on_q) and _close(end.on_slope, start.on_slope)
+            same = same and _close(end.on_root, start.on_root)
+            for side in (UP, DOWN):
                 same = same and _close(inverse_limits[k, last, i, side], inverse_limits[k + 1, 0, i, side])
             if same:
                 inverse_limits[k, last, i] = 0.0

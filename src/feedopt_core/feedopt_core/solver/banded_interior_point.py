@@ -23,12 +23,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feedopt_core.arrays import BoolArray, FloatArray, IntArray
+from feedopt_core.arrays import BoolArray, FloatArray, IntArray, RecordArray
 from feedopt_core.errors import SolverError
 from feedopt_core.solver.interior_point_data import (
-    DUAL,
-    SIDE_SIZE,
-    SLACK,
+    LINEARISED,
+    SIDE,
     Ends,
     Iterate,
     PackedRows,
@@ -44,22 +43,22 @@ from feedopt_core.solver.interior_point_kernel import (
     expand,
     iterate,
 )
-from feedopt_core.solver.packed_rows import packed, part, rooms
+from feedopt_core.solver.packed_rows import packed, part, slacks
 
 _FIRST_GAP = 0.6
 """Duality gap of the first iterate, as a part of its motion time."""
 _LEAST_SLACK = 0.5
 """Least slack of the first iterate."""
 _RESTART_GAP = 0.02
-"""Duality gap from which on few rows count; the iterate still has the room for limits that are lowered a little."""
+"""Duality gap from which on few rows count; the iterate still has slack for limits that are lowered a little."""
 _NEAR = 0.7
-"""Room of a row, as a part of its limit, up to which it counts at that gap."""
+"""Slack of a row, as a part of its limit, up to which it counts at that gap."""
 _AT_A_LIMIT = 0.03
-"""Room of a row at a limit, at that gap."""
+"""Slack of a row at a limit, at that gap."""
 _AROUND = 8
-"""So many spans on either side of one where others are exceeded count with all their rows."""
+"""Spans on either side of a violated one whose rows all count from then on."""
 _SELECTIONS = 5
-"""So many selections of rows are tried, then all count."""
+"""Selections of rows that are tried before all count."""
 _RESTART_SPREAD = 10.0
 """Largest ratio of a product of slack and multiplier to their mean at a restart."""
 _GOOD_ENOUGH, _USABLE = 1e-3, 0.1
@@ -102,6 +101,13 @@ class TimeProblem:
     end: RestEnd
 
 
+class Pairs(NamedTuple):
+    """Slacks of some sides and the multipliers that belong to them, of one shape."""
+
+    slack: FloatArray
+    dual: FloatArray
+
+
 @dataclass(frozen=True)
 class Restart:
     """An iterate on the way to a solution, for problems that differ from that one in lower limits only.
@@ -109,14 +115,14 @@ class Restart:
     Attributes:
         c: control points, shape (m + 2,).
         index: places of its rows among those of all points, increasing, shape (n,).
-        sides: their slacks and multipliers, shape (n, 2, 2).
-        ends: of the limits of the outer control points, shape (2, 2).
+        sides: of these rows, shape (n, 2).
+        ends: of the limits of the outer control points, shape (2,).
     """
 
     c: FloatArray
     index: IntArray
-    sides: FloatArray
-    ends: FloatArray
+    sides: Pairs
+    ends: Pairs
 
 
 @dataclass(frozen=True)
@@ -162,7 +168,7 @@ class _Found(NamedTuple):
     iterations: int = 0
     gap: float = 0.0
     dual: float = 0.0
-    excess: float = 0.0
+    violation: float = 0.0
 
 
 class _InteriorPoint:
@@ -180,28 +186,28 @@ class _InteriorPoint:
         self.rows, self.index = packed(problem.rows)
         self.system = System(*(np.empty(len(c)) for _ in range(3)), *(np.empty((len(c), 3)) for _ in range(2)))
         self.size = self._size(self.rows)
-        self.room = np.empty(self.rows.inverse_limits.shape)
-        time = rooms(self.rows, c, self.room)
-        end_room = np.array([1.0 - self.ends.start_inverse_limit * c[0], 1.0 - self.ends.end_inverse_limit * c[-1]])
+        self.slack = np.empty(self.rows.inverse_limits.shape)
+        time = slacks(self.rows, c, self.slack)
+        end_slack = np.array([1.0 - self.ends.start_inverse_limit * c[0], 1.0 - self.ends.end_inverse_limit * c[-1]])
         self.restarted = isinstance(initial, Restart)
         if isinstance(initial, Restart):
             barrier = _RESTART_GAP * time / self.size
-            sides = _centred(self._known(initial), self.room, barrier)
-            ends = _centred(initial.ends, end_room, barrier)
+            sides = _centred(self._known(initial), self.slack, barrier)
+            ends = _centred(initial.ends, end_slack, barrier)
         else:
             barrier = _FIRST_GAP * time / self.size
-            sides, ends = _first(self.room, barrier), _first(end_room, barrier)
+            sides, ends = _first(self.slack, barrier), _first(end_slack, barrier)
         self.start = Restart(c, self.index, sides, ends)
 
     def _size(self, rows: PackedRows) -> int:
         end_limits = (self.ends.start_inverse_limit > 0.0) + (self.ends.end_inverse_limit > 0.0)
         return int(np.count_nonzero(rows.inverse_limits)) + end_limits
 
-    def _known(self, restart: Restart) -> FloatArray:
+    def _known(self, restart: Restart) -> Pairs:
         """Slacks and multipliers of a restart on the rows of this problem; none where it had no such row."""
         place = np.minimum(np.searchsorted(restart.index, self.index), len(restart.index) - 1)
-        same = restart.index[place] == self.index
-        return np.where(same[:, None, None], restart.sides[place], [_LEAST_SLACK, 0.0])
+        same, known = (restart.index[place] == self.index)[:, None], restart.sides
+        return Pairs(np.where(same, known.slack[place], _LEAST_SLACK), np.where(same, known.dual[place], 0.0))
 
     def solve(self, settings: Settings) -> TimeSolution:
         """See :func:`minimise_time`."""
@@ -214,18 +220,18 @@ class _InteriorPoint:
             found, last, refining = self._refine(restart, settings)
             iterations += refining
         close = _USABLE if settings.cautious else _GOOD_ENOUGH
-        good_enough = found.end == OUT_OF_ITERATIONS and found.excess < settings.feasibility
+        good_enough = found.end == OUT_OF_ITERATIONS and found.violation < settings.feasibility
         if found.end == CONVERGED or (good_enough and max(found.gap, found.dual) < close):
             return TimeSolution(last.c, iterations, self.size, restart)
         raise SolverError(
             f"{_FAILURES[found.end]} after {iterations} iterations over {len(last.c)} control points: "
-            f"gap {found.gap:.1e}, dual residual {found.dual:.1e}, limits exceeded by {found.excess:.1e}"
+            f"gap {found.gap:.1e}, dual residual {found.dual:.1e}, limits exceeded by {found.violation:.1e}"
         )
 
     def _refine(self, start: Restart, settings: Settings) -> tuple[_Found, Restart, int]:
         """Iterate on the rows near their limits until none of the others is exceeded, else on all; all iterations."""
         iterations, first_of_spans = 0, self.rows.first[:, 0]
-        slack = np.min(start.sides[..., SLACK], axis=1, where=self.rows.inverse_limits != 0.0, initial=np.inf)
+        slack = np.min(start.sides.slack, axis=1, where=self.rows.inverse_limits != 0.0, initial=np.inf)
         # The fastest motion is at some limit everywhere. Where it is close to none yet, any may turn out to be the one.
         near = (slack < _NEAR) | self._of_spans(np.minimum.reduceat(slack, first_of_spans) > _AT_A_LIMIT)
         for _ in range(_SELECTIONS):
@@ -233,11 +239,11 @@ class _InteriorPoint:
             iterations += found.iterations
             if found.end != CONVERGED:
                 break
-            rooms(self.rows, last.c, self.room)
-            exceeded = ~near & (np.min(self.room, axis=1) < -settings.feasibility)
-            if not np.any(exceeded):
+            slacks(self.rows, last.c, self.slack)
+            violated = ~near & (np.min(self.slack, axis=1) < -settings.feasibility)
+            if not np.any(violated):
                 return found, last, iterations
-            spans = np.logical_or.reduceat(exceeded, first_of_spans)
+            spans = np.logical_or.reduceat(violated, first_of_spans)
             near |= self._of_spans(np.convolve(spans, np.ones(2 * _AROUND + 1))[_AROUND:-_AROUND] > 0.0)
         found, last = self._iterate(start, None, settings)
         return found, last, iterations + found.iterations
@@ -250,25 +256,30 @@ class _InteriorPoint:
         """Iterate on some rows, shape (n,), or on all; the last iterate holds those only."""
         rows, index, known = self.rows, self.index, start.sides
         if kept is not None:
-            rows, index, known = part(rows, kept), index[kept], known[kept]
-        at = Iterate(
-            start.c.copy(), np.zeros((len(index), 2, SIDE_SIZE)), np.empty((len(index), 2)), np.zeros((2, SIDE_SIZE))
-        )
-        at.sides[..., : DUAL + 1], at.ends[:, : DUAL + 1] = known, start.ends
+            rows, index, known = part(rows, kept), index[kept], Pairs(known.slack[kept], known.dual[kept])
+        count = len(index)
+        at = Iterate(start.c.copy(), np.zeros((count, 2), SIDE), np.empty(count, LINEARISED), np.zeros(2, SIDE))
+        for sides, pairs in ((at.sides, known), (at.ends, start.ends)):
+            sides["slack"], sides["dual"] = pairs
         size = self._size(rows)
         found = _Found(*iterate(rows, self.ends, at, self.system, size, size / self.size, settings))
-        last = Restart(at.c, index, at.sides[..., : DUAL + 1].copy(), at.ends[:, : DUAL + 1].copy())
+        last = Restart(at.c, index, _pairs(at.sides), _pairs(at.ends))
         return found, last
 
 
-def _first(room: FloatArray, barrier: float) -> FloatArray:
-    """Slacks and multipliers of a first iterate, shape (..., 2), from the room there is, shape (...)."""
-    slack = np.maximum(room, _LEAST_SLACK)
-    return np.stack([slack, barrier / slack], axis=-1)
+def _pairs(sides: RecordArray) -> Pairs:
+    """A copy of the slacks and multipliers of sides."""
+    return Pairs(sides["slack"].copy(), sides["dual"].copy())
 
 
-def _centred(known: FloatArray, room: FloatArray, barrier: float) -> FloatArray:
-    """The slacks raised to the room there is, the multipliers kept close to what belongs to them; shape (..., 2)."""
-    slack = np.maximum(known[..., SLACK], room)
+def _first(slack: FloatArray, barrier: float) -> Pairs:
+    """Slacks and multipliers of a first iterate, from the slack that it has by the limits."""
+    slack = np.maximum(slack, _LEAST_SLACK)
+    return Pairs(slack, barrier / slack)
+
+
+def _centred(known: Pairs, slack: FloatArray, barrier: float) -> Pairs:
+    """The slacks raised to those that the limits leave, the multipliers kept close to what belongs to them."""
+    slack = np.maximum(known.slack, slack)
     mean = barrier / slack
-    return np.stack([slack, np.clip(known[..., DUAL], mean / _RESTART_SPREAD, mean * _RESTART_SPREAD)], axis=-1)
+    return Pairs(slack, np.clip(known.dual, mean / _RESTART_SPREAD, mean * _RESTART_SPREAD))

@@ -4,28 +4,37 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from feedopt_core.arrays import FloatArray, IntArray
+from feedopt_core.arrays import FloatArray, IntArray, RecordArray, record
 
-LINE, BEND, ROOT, ROW_SIZE = 0, 2, 5, 6
-"""Places in ``Rows.coefficients``: two of the linear part, three of the bend, the factor of sqrt(q)."""
-SLACK, DUAL, RESIDUAL, ON_Q, D_SLACK, D_DUAL, SECOND, SIDE_SIZE = 0, 1, 2, 3, 4, 5, 6, 8
-"""Places in ``Iterate.sides``; SECOND is the product of the predictor's steps. One side fills one cache line."""
+VALUE, SLOPE, BEND = 0, 1, 2
+"""Places of q, q' and q'' in ``Rows.basis``."""
+UP, DOWN = 0, 1
+"""The sides of a row: y <= limit_up and -limit_down <= y."""
+ROW = record(on_q="f8", on_slope="f8", on_root_q="f8", on_root_slope="f8", on_root_bend="f8", on_root="f8")
+"""Factors in a row of q, q', sqrt(q) q, sqrt(q) q', sqrt(q) q'' and sqrt(q)."""
+LINEARISED = record(on_slope="f8", on_bend="f8")
+"""Factors of q' and q'' in both sides of a linearised row, but for the sign and the limit of a side."""
+SIDE = record(
+    slack="f8", dual="f8", residual="f8", on_q="f8", d_slack="f8", d_dual="f8", second_order="f8", padding="f8"
+)
+"""State of one side of a row: slack, multiplier, residual, factor of q, steps of slack and multiplier, and the product
+of those of the predictor. It fills one cache line."""
 
 
 class Rows(NamedTuple):
     """Two-sided rows at p points of m spans, n a point; see the module.
 
     Attributes:
-        basis: q, q' and q'' by the control points of the span, shape (m, p, 3, 3).
+        basis: q, q' and q'' (VALUE, SLOPE, BEND) by the three control points of the span, shape (m, p, 3, 3).
         weights_mm: quadrature weights along s, shape (m, p); points with a weight of 0 are left out.
-        coefficients: shape (m, p, n, ROW_SIZE).
-        inverse_limits: of y upwards and downwards, 0 where a side has no limit; shape (m, p, n, 2).
+        coefficients: of type ROW, shape (m, p, n).
+        inverse_limits: of y UP and DOWN, 0 where a side has no limit; shape (m, p, n, 2).
         over_root: 1 where the row is divided by sqrt(q), shape (n,).
     """
 
     basis: FloatArray
     weights_mm: FloatArray
-    coefficients: FloatArray
+    coefficients: RecordArray
     inverse_limits: FloatArray
     over_root: FloatArray
 
@@ -36,7 +45,7 @@ class PackedRows(NamedTuple):
     Attributes:
         basis, weights_mm: as those of :class:`Rows`.
         first, counts: index of the first row of each point, and their number, shape (m, p).
-        coefficients: shape (n, ROW_SIZE).
+        coefficients: of type ROW, shape (n,).
         inverse_limits: shape (n, 2).
         over_root: shape (n,).
     """
@@ -45,7 +54,7 @@ class PackedRows(NamedTuple):
     weights_mm: FloatArray
     first: IntArray
     counts: IntArray
-    coefficients: FloatArray
+    coefficients: RecordArray
     inverse_limits: FloatArray
     over_root: FloatArray
 
@@ -55,15 +64,19 @@ class Iterate(NamedTuple):
 
     Attributes:
         c: control points, shape (m + 2,).
-        sides: of packed rows, shape (n, 2, SIDE_SIZE).
-        slopes: D of each row by q' and q'', shape (n, 2).
-        ends: limits of the outer control points, shape (2, SIDE_SIZE).
+        sides: of packed rows, of type SIDE, shape (n, 2).
+        linearised: packed rows, of type LINEARISED, shape (n,).
+        ends: limits of the outer control points, of type SIDE, shape (2,).
     """
 
     c: FloatArray
-    sides: FloatArray
-    slopes: FloatArray
-    ends: FloatArray
+    sides: RecordArray
+    linearised: RecordArray
+    ends: RecordArray
+
+
+MAIN, FIRST, SECOND = 0, 1, 2
+"""Columns of a band: the main diagonal of a symmetric matrix, and the two above it."""
 
 
 class System(NamedTuple):
@@ -73,7 +86,7 @@ class System(NamedTuple):
         gradient: of the Lagrangian, shape (m + 2,).
         right: right side of the predictor, then of the corrector, shape (m + 2,).
         centre: what the right side gains for each unit of the complementarity aimed at, shape (m + 2,).
-        band: normal matrix with the exact curvature of all limits, diagonals in the columns, shape (m + 2, 3).
+        band: normal matrix with the exact curvature of all limits, by columns MAIN, FIRST, SECOND, shape (m + 2, 3).
         convex: what turns that curvature into its convex part, shape (m + 2, 3).
     """
 

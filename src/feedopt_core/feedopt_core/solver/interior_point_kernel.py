@@ -20,7 +20,21 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.compiled import compiled
-from feedopt_core.solver.interior_point_data import Ends, Iterate, PackedRows, Settings, System
+from feedopt_core.solver.interior_point_data import (
+    BEND,
+    DOWN,
+    FIRST,
+    MAIN,
+    SECOND,
+    SLOPE,
+    UP,
+    VALUE,
+    Ends,
+    Iterate,
+    PackedRows,
+    Settings,
+    System,
+)
 
 CONVERGED, OUT_OF_ITERATIONS, DIVERGED, INDEFINITE = 0, 1, 2, 3
 """How the iterations ended."""
@@ -63,16 +77,16 @@ def _restrict_band(ends: Ends, band: FloatArray) -> None:
     last = len(band) - 1
     if ends.start_ratio > 0.0:
         r = ends.start_ratio
-        band[1, 0] += 2.0 * band[0, 1] / r + band[0, 0] / r**2
-        band[1, 1] += band[0, 2] / r
+        band[1, MAIN] += 2.0 * band[0, FIRST] / r + band[0, MAIN] / r**2
+        band[1, FIRST] += band[0, SECOND] / r
     else:
-        band[1, 0], band[1, 1], band[1, 2] = 1.0, 0.0, 0.0
-    band[0, 0], band[0, 1], band[0, 2] = 1.0, 0.0, 0.0
+        band[1, MAIN], band[1, FIRST], band[1, SECOND] = 1.0, 0.0, 0.0
+    band[0, MAIN], band[0, FIRST], band[0, SECOND] = 1.0, 0.0, 0.0
     r = ends.end_ratio
-    band[last - 1, 0] += 2.0 * band[last - 1, 1] / r + band[last, 0] / r**2
-    band[last - 2, 1] += band[last - 2, 2] / r
-    band[last, 0] = 1.0
-    band[last - 1, 1] = band[last - 2, 2] = 0.0
+    band[last - 1, MAIN] += 2.0 * band[last - 1, FIRST] / r + band[last, MAIN] / r**2
+    band[last - 2, FIRST] += band[last - 2, SECOND] / r
+    band[last, MAIN] = 1.0
+    band[last - 1, FIRST] = band[last - 2, SECOND] = 0.0
 
 
 @compiled
@@ -80,16 +94,16 @@ def _factorise(band: FloatArray) -> bool:
     """L D L' in place (D on the diagonal); False where the matrix is not positive definite."""
     n = len(band)
     for j in range(n):
-        d = band[j, 0]
+        d = band[j, MAIN]
         if not 0.0 < d < np.inf:
             return False
-        l1, l2 = band[j, 1] / d, band[j, 2] / d
+        l1, l2 = band[j, FIRST] / d, band[j, SECOND] / d
         if j + 1 < n:
-            band[j + 1, 0] -= l1 * band[j, 1]
-            band[j + 1, 1] -= l1 * band[j, 2]
+            band[j + 1, MAIN] -= l1 * band[j, FIRST]
+            band[j + 1, FIRST] -= l1 * band[j, SECOND]
         if j + 2 < n:
-            band[j + 2, 0] -= l2 * band[j, 2]
-        band[j, 1], band[j, 2] = l1, l2
+            band[j + 2, MAIN] -= l2 * band[j, SECOND]
+        band[j, FIRST], band[j, SECOND] = l1, l2
     return True
 
 
@@ -99,16 +113,22 @@ def _solve(factor: FloatArray, vector: FloatArray) -> None:
     n = len(vector)
     for j in range(n):
         if j + 1 < n:
-            vector[j + 1] -= factor[j, 1] * vector[j]
+            vector[j + 1] -= factor[j, FIRST] * vector[j]
         if j + 2 < n:
-            vector[j + 2] -= factor[j, 2] * vector[j]
+            vector[j + 2] -= factor[j, SECOND] * vector[j]
     for j in range(n - 1, -1, -1):
-        value = vector[j] / factor[j, 0]
+        value = vector[j] / factor[j, MAIN]
         if j + 1 < n:
-            value -= factor[j, 1] * vector[j + 1]
+            value -= factor[j, FIRST] * vector[j + 1]
         if j + 2 < n:
-            value -= factor[j, 2] * vector[j + 2]
+            value -= factor[j, SECOND] * vector[j + 2]
         vector[j] = value
+
+
+@compiled
+def _three(factors: FloatArray) -> tuple[float, float, float]:
+    """Factors of the three control points of a span."""
+    return factors[0], factors[1], factors[-1]
 
 
 @compiled
@@ -117,56 +137,58 @@ def _assemble(  # noqa: PLR0915 -- scalars
 ) -> tuple[float, float, float]:
     """Residuals, gradient, right side of the predictor and normal matrix, after the last steps of slacks and duals.
 
-    Slacks rise to the room that a limit leaves.
+    A slack rises to what y leaves of the limit.
 
     Returns:
-        Motion time (not a number where q is not positive), sum of slack times multiplier, largest excess of a limit.
+        Motion time (not a number where q is not positive), sum of slack times multiplier, largest violation of a limit.
     """
     basis, weights, first, counts, coefficients, limits, over_root = rows
     gradient, right, _, band, convex = system
-    sides, slopes = at.sides, at.slopes
+    sides, linearised = at.sides, at.linearised
     spans, points = weights.shape
-    time = gap = excess = 0.0
+    time = gap = violation = 0.0
     gradient[:], right[:], band[:], convex[:] = 0.0, 0.0, 0.0, 0.0
     for k in range(spans):
         c0, c1, c2 = at.c[k], at.c[k + 1], at.c[k + 2]
         for p in range(points):
             if weights[k, p] == 0.0:
                 continue
-            v0, v1, v2 = basis[k, p, 0, 0], basis[k, p, 0, 1], basis[k, p, 0, 2]
-            s0, s1, s2 = basis[k, p, 1, 0], basis[k, p, 1, 1], basis[k, p, 1, 2]
-            n0, n1, n2 = basis[k, p, 2, 0], basis[k, p, 2, 1], basis[k, p, 2, 2]
+            v0, v1, v2 = _three(basis[k, p, VALUE])
+            s0, s1, s2 = _three(basis[k, p, SLOPE])
+            n0, n1, n2 = _three(basis[k, p, BEND])
             q, slope, bend = v0 * c0 + v1 * c1 + v2 * c2, s0 * c0 + s1 * c1 + s2 * c2, n0 * c0 + n1 * c1 + n2 * c2
             if not q > 0.0:
-                return np.nan, gap, excess
-            root_q, half_over_q = np.sqrt(q), 0.5 / q
-            half_over_root = half_over_q * root_q
+                return np.nan, gap, violation
+            root, half_over_q = np.sqrt(q), 0.5 / q
+            half_over_root = half_over_q * root
             weighted = 2.0 * weights[k, p] * half_over_root
             time += weighted
             g0 = r0 = -weighted * half_over_q
             exact = positive = 3.0 * weighted * half_over_q * half_over_q
             g1 = g2 = r1 = r2 = h0 = h1 = m00 = m01 = m02 = m11 = m12 = m22 = 0.0
             for r in range(first[k, p], first[k, p] + counts[k, p]):
-                l0, l1, root = coefficients[r, 0], coefficients[r, 1], coefficients[r, 5]
+                row = coefficients[r]
+                l0, l1, on_root = row.on_q, row.on_slope, row.on_root
                 d0, d1, d2 = l0, l1, 0.0
                 divided = over_root[r] > 0.0
                 if divided:
-                    d0 += root_q * coefficients[r, 2]
-                    d1 += root_q * coefficients[r, 3]
-                    d2 = root_q * coefficients[r, 4]
-                y, straight = d0 * q + d1 * slope + d2 * bend + root * root_q, l0 * q + l1 * slope
-                slopes[r, 0], slopes[r, 1] = d1, d2
+                    d0 += root * row.on_root_q
+                    d1 += root * row.on_root_slope
+                    d2 = root * row.on_root_bend
+                y, straight = d0 * q + d1 * slope + d2 * bend + on_root * root, l0 * q + l1 * slope
+                linearised[r].on_slope, linearised[r].on_bend = d1, d2
                 dual_0 = dual_d = pull_0 = pull_d = omega_0 = omega_d = omega_dd = bent = 0.0
-                for side in range(2):
+                for side in (UP, DOWN):
                     sigma = limits[r, side]
                     if sigma == 0.0:
                         continue
-                    if side == 1:
+                    if side == DOWN:
                         sigma = -sigma
+                    state = sides[r, side]
                     over = sigma * y - 1.0
-                    excess = max(excess, over)
-                    slack = max(sides[r, side, 0] + primal * sides[r, side, 4], -over)
-                    dual = sides[r, side, 1] + dual_step * sides[r, side, 5]
+                    violation = max(violation, over)
+                    slack = max(state.slack + primal * state.d_slack, -over)
+                    dual = state.dual + dual_step * state.d_dual
                     residual = over + slack
                     omega = dual / slack
                     pull = omega * residual
@@ -176,11 +198,10 @@ def _assemble(  # noqa: PLR0915 -- scalars
                         curvature = -3.0 * bending * beta
                         bent -= bending * sigma
                     else:
-                        beta = sigma * root * half_over_root
+                        beta = sigma * on_root * half_over_root
                         curvature = -bending * beta
                     on_q = sigma * d0 + beta
-                    sides[r, side, 0], sides[r, side, 1] = slack, dual
-                    sides[r, side, 2], sides[r, side, 3] = residual, on_q
+                    state.slack, state.dual, state.residual, state.on_q = slack, dual, residual, on_q
                     gap += slack * dual
                     exact += curvature
                     positive += max(curvature, 0.0)
@@ -208,43 +229,44 @@ def _assemble(  # noqa: PLR0915 -- scalars
             x00, m00, m01 = positive - exact - 2.0 * h0, m00 + exact + 2.0 * h0, m01 + h1
             half = 0.5 * x00
             x0, x1, x2 = half * v0 - h1 * s0, half * v1 - h1 * s1, half * v2 - h1 * s2
-            convex[k, 0] += 2.0 * x0 * v0
-            convex[k, 1] += x0 * v1 + x1 * v0
-            convex[k, 2] += x0 * v2 + x2 * v0
-            convex[k + 1, 0] += 2.0 * x1 * v1
-            convex[k + 1, 1] += x1 * v2 + x2 * v1
-            convex[k + 2, 0] += 2.0 * x2 * v2
+            convex[k, MAIN] += 2.0 * x0 * v0
+            convex[k, FIRST] += x0 * v1 + x1 * v0
+            convex[k, SECOND] += x0 * v2 + x2 * v0
+            convex[k + 1, MAIN] += 2.0 * x1 * v1
+            convex[k + 1, FIRST] += x1 * v2 + x2 * v1
+            convex[k + 2, MAIN] += 2.0 * x2 * v2
             x0, x1, x2 = m00 * v0 + m01 * s0 + m02 * n0, m00 * v1 + m01 * s1 + m02 * n1, m00 * v2 + m01 * s2 + m02 * n2
             y0, y1, y2 = m01 * v0 + m11 * s0 + m12 * n0, m01 * v1 + m11 * s1 + m12 * n1, m01 * v2 + m11 * s2 + m12 * n2
             z0, z1, z2 = m02 * v0 + m12 * s0 + m22 * n0, m02 * v1 + m12 * s1 + m22 * n1, m02 * v2 + m12 * s2 + m22 * n2
-            band[k, 0] += v0 * x0 + s0 * y0 + n0 * z0
-            band[k, 1] += v0 * x1 + s0 * y1 + n0 * z1
-            band[k, 2] += v0 * x2 + s0 * y2 + n0 * z2
-            band[k + 1, 0] += v1 * x1 + s1 * y1 + n1 * z1
-            band[k + 1, 1] += v1 * x2 + s1 * y2 + n1 * z2
-            band[k + 2, 0] += v2 * x2 + s2 * y2 + n2 * z2
-    return time, gap, excess
+            band[k, MAIN] += v0 * x0 + s0 * y0 + n0 * z0
+            band[k, FIRST] += v0 * x1 + s0 * y1 + n0 * z1
+            band[k, SECOND] += v0 * x2 + s0 * y2 + n0 * z2
+            band[k + 1, MAIN] += v1 * x1 + s1 * y1 + n1 * z1
+            band[k + 1, FIRST] += v1 * x2 + s1 * y2 + n1 * z2
+            band[k + 2, MAIN] += v2 * x2 + s2 * y2 + n2 * z2
+    return time, gap, violation
 
 
 @compiled
 def _add_ends(ends: Ends, at: Iterate, system: System, primal: float, dual_step: float) -> tuple[float, float]:
-    """The same for the limits of the outer control points; returns their part of gap and excess."""
-    gap = excess = 0.0
+    """The same for the limits of the outer control points; returns their part of gap and violation."""
+    gap = violation = 0.0
     last = len(at.c) - 1
     for end in range(2):
         inverse = ends.end_inverse_limit if end else ends.start_inverse_limit
         if inverse == 0.0:
             continue
         place = last if end else 0
-        over, dual = inverse * at.c[place] - 1.0, at.ends[end, 1] + dual_step * at.ends[end, 5]
-        slack = max(at.ends[end, 0] + primal * at.ends[end, 4], -over)
-        at.ends[end, 0], at.ends[end, 1], at.ends[end, 2] = slack, dual, over + slack
+        state = at.ends[end]
+        over, dual = inverse * at.c[place] - 1.0, state.dual + dual_step * state.d_dual
+        slack = max(state.slack + primal * state.d_slack, -over)
+        state.slack, state.dual, state.residual = slack, dual, over + slack
         gap += slack * dual
-        excess = max(excess, over)
+        violation = max(violation, over)
         system.gradient[place] += inverse * dual
         system.right[place] += inverse * dual / slack * (over + slack)
-        system.band[place, 0] += inverse * inverse * dual / slack
-    return gap, excess
+        system.band[place, MAIN] += inverse * inverse * dual / slack
+    return gap, violation
 
 
 @compiled
@@ -260,7 +282,7 @@ def _predict(
     """
     basis, first, counts, limits = rows.basis, rows.first, rows.counts, rows.inverse_limits
     _, right, centre, _, _ = system
-    sides, slopes = at.sides, at.slopes
+    sides, linearised = at.sides, at.linearised
     spans, points = counts.shape
     least = most = by_slack = both = 0.0
     centre[:] = 0.0
@@ -269,9 +291,9 @@ def _predict(
         for p in range(points):
             if counts[k, p] == 0:
                 continue
-            v0, v1, v2 = basis[k, p, 0, 0], basis[k, p, 0, 1], basis[k, p, 0, 2]
-            s0, s1, s2 = basis[k, p, 1, 0], basis[k, p, 1, 1], basis[k, p, 1, 2]
-            n0, n1, n2 = basis[k, p, 2, 0], basis[k, p, 2, 1], basis[k, p, 2, 2]
+            v0, v1, v2 = _three(basis[k, p, VALUE])
+            s0, s1, s2 = _three(basis[k, p, SLOPE])
+            n0, n1, n2 = _three(basis[k, p, BEND])
             dq, d_slope, d_bend = (
                 v0 * c0 + v1 * c1 + v2 * c2,
                 s0 * c0 + s1 * c1 + s2 * c2,
@@ -279,25 +301,22 @@ def _predict(
             )
             r0 = r1 = r2 = m0 = m1 = m2 = 0.0
             for r in range(first[k, p], first[k, p] + counts[k, p]):
-                d1, d2 = slopes[r, 0], slopes[r, 1]
+                d1, d2 = linearised[r].on_slope, linearised[r].on_bend
                 dd = d1 * d_slope + d2 * d_bend
                 right_d = centre_d = 0.0
-                for side in range(2):
+                for side in (UP, DOWN):
                     sigma = limits[r, side]
                     if sigma == 0.0:
                         continue
-                    if side == 1:
+                    if side == DOWN:
                         sigma = -sigma
-                    dual, on_q, inverse = (
-                        sides[r, side, 1],
-                        sides[r, side, 3],
-                        1.0 / sides[r, side, 0],
-                    )
-                    d_slack = -sides[r, side, 2] - sigma * dd - on_q * dq
+                    state = sides[r, side]
+                    dual, on_q, inverse = state.dual, state.on_q, 1.0 / state.slack
+                    d_slack = -state.residual - sigma * dd - on_q * dq
                     relative = d_slack * inverse
                     product = -d_slack * dual * (1.0 + relative)
                     second = weight * product
-                    sides[r, side, 6] = second
+                    state.second_order = second
                     least, most = min(least, relative), max(most, relative)
                     by_slack += d_slack * dual
                     both += product
@@ -319,16 +338,16 @@ def _predict(
         if inverse_limit == 0.0:
             continue
         place = len(at.c) - 1 if end else 0
-        slack, dual = at.ends[end, 0], at.ends[end, 1]
-        d_slack = -at.ends[end, 2] - inverse_limit * step[place]
-        relative = d_slack / slack
-        d_dual = -dual * (1.0 + relative)
+        state = at.ends[end]
+        d_slack = -state.residual - inverse_limit * step[place]
+        relative = d_slack / state.slack
+        d_dual = -state.dual * (1.0 + relative)
         least, most = min(least, relative), max(most, relative)
-        at.ends[end, 6] = weight * d_slack * d_dual
-        by_slack += d_slack * dual
+        state.second_order = weight * d_slack * d_dual
+        by_slack += d_slack * state.dual
         both += d_slack * d_dual
-        right[place] -= inverse_limit * at.ends[end, 6] / slack
-        centre[place] += inverse_limit / slack
+        right[place] -= inverse_limit * state.second_order / state.slack
+        centre[place] += inverse_limit / state.slack
     return least, most, by_slack, both
 
 
@@ -336,32 +355,35 @@ def _predict(
 def _correct(rows: PackedRows, ends: Ends, at: Iterate, step: FloatArray, target: float) -> tuple[float, float, float]:
     """Steps of slacks and multipliers along the corrector; longest primal, dual and q step as inverse ratios."""
     basis, weights, first, counts, _, limits, _ = rows
-    sides, slopes = at.sides, at.slopes
+    sides, linearised = at.sides, at.linearised
     spans, points = counts.shape
     primal = dual_ratio = q_ratio = 0.0
     for k in range(spans):
-        s0, s1, s2 = step[k], step[k + 1], step[k + 2]
+        c0, c1, c2 = step[k], step[k + 1], step[k + 2]
         for p in range(points):
             if weights[k, p] == 0.0:
                 continue
-            v0, v1, v2 = basis[k, p, 0, 0], basis[k, p, 0, 1], basis[k, p, 0, 2]
-            dq = v0 * s0 + v1 * s1 + v2 * s2
-            d_slope = basis[k, p, 1, 0] * s0 + basis[k, p, 1, 1] * s1 + basis[k, p, 1, 2] * s2
-            d_bend = basis[k, p, 2, 0] * s0 + basis[k, p, 2, 1] * s1 + basis[k, p, 2, 2] * s2
+            v0, v1, v2 = _three(basis[k, p, VALUE])
+            s0, s1, s2 = _three(basis[k, p, SLOPE])
+            n0, n1, n2 = _three(basis[k, p, BEND])
+            dq = v0 * c0 + v1 * c1 + v2 * c2
+            d_slope = s0 * c0 + s1 * c1 + s2 * c2
+            d_bend = n0 * c0 + n1 * c1 + n2 * c2
             q_ratio = max(q_ratio, -dq / (v0 * at.c[k] + v1 * at.c[k + 1] + v2 * at.c[k + 2]))
             for r in range(first[k, p], first[k, p] + counts[k, p]):
-                dd = slopes[r, 0] * d_slope + slopes[r, 1] * d_bend
-                for side in range(2):
+                dd = linearised[r].on_slope * d_slope + linearised[r].on_bend * d_bend
+                for side in (UP, DOWN):
                     sigma = limits[r, side]
                     if sigma == 0.0:
                         continue
-                    if side == 1:
+                    if side == DOWN:
                         sigma = -sigma
-                    slack, dual = sides[r, side, 0], sides[r, side, 1]
-                    inverse = 1.0 / (slack * dual)
-                    d_slack = -sides[r, side, 2] - sigma * dd - sides[r, side, 3] * dq
-                    aim = target - sides[r, side, 6] - dual * d_slack
-                    sides[r, side, 4], sides[r, side, 5] = d_slack, aim * dual * inverse - dual
+                    state = sides[r, side]
+                    dual = state.dual
+                    inverse = 1.0 / (state.slack * dual)
+                    d_slack = -state.residual - sigma * dd - state.on_q * dq
+                    aim = target - state.second_order - dual * d_slack
+                    state.d_slack, state.d_dual = d_slack, aim * dual * inverse - dual
                     primal = max(primal, -d_slack * dual * inverse)
                     dual_ratio = max(dual_ratio, 1.0 - aim * inverse)
     for end in range(2):
@@ -369,10 +391,11 @@ def _correct(rows: PackedRows, ends: Ends, at: Iterate, step: FloatArray, target
         if inverse_limit == 0.0:
             continue
         place = len(at.c) - 1 if end else 0
-        slack, dual = at.ends[end, 0], at.ends[end, 1]
-        d_slack = -at.ends[end, 2] - inverse_limit * step[place]
-        d_dual = (target - at.ends[end, 6] - dual * d_slack) / slack - dual
-        at.ends[end, 4], at.ends[end, 5] = d_slack, d_dual
+        state = at.ends[end]
+        slack, dual = state.slack, state.dual
+        d_slack = -state.residual - inverse_limit * step[place]
+        d_dual = (target - state.second_order - dual * d_slack) / slack - dual
+        state.d_slack, state.d_dual = d_slack, d_dual
         primal, dual_ratio = max(primal, -d_slack / slack), max(dual_ratio, -d_dual / dual)
     return primal, dual_ratio, q_ratio
 
@@ -388,11 +411,11 @@ def _look(
         primal, dual_step: lengths of the steps of slacks and multipliers.
 
     Returns:
-        Motion time, sum of slack times multiplier, largest excess of a limit.
+        Motion time, sum of slack times multiplier, largest violation of a limit.
     """
-    time, total, excess = _assemble(rows, at, system, primal, dual_step)
-    end_total, end_excess = _add_ends(ends, at, system, primal, dual_step)
-    return time, total + end_total, max(excess, end_excess)
+    time, total, violation = _assemble(rows, at, system, primal, dual_step)
+    end_total, end_violation = _add_ends(ends, at, system, primal, dual_step)
+    return time, total + end_total, max(violation, end_violation)
 
 
 @compiled
@@ -423,27 +446,27 @@ def iterate(
         settings: when to end.
 
     Returns:
-        How they ended, their number, and gap, dual residual (both by the motion time) and excess at the end.
+        How they ended, their number, and gap, dual residual (both by the motion time) and violation at the end.
     """
     fraction = _CAUTIOUS_STEP_TO_BOUNDARY if settings.cautious else _STEP_TO_BOUNDARY
-    gap = dual = excess = np.inf
+    gap = dual = violation = np.inf
     primal = dual_step = 0.0
     short, stalls = False, 0
     for iteration in range(settings.max_iterations):
-        time, total, excess = _look(rows, ends, at, system, primal, dual_step)
+        time, total, violation = _look(rows, ends, at, system, primal, dual_step)
         _restrict(ends, system.gradient)
         dual, gap = np.sum(np.abs(system.gradient * at.c)) / time, total / time
-        if gap < settings.tolerance and dual < settings.tolerance and excess < settings.feasibility:
-            return CONVERGED, iteration, gap, dual, excess
+        if gap < settings.tolerance and dual < settings.tolerance and violation < settings.feasibility:
+            return CONVERGED, iteration, gap, dual, violation
         if not (gap < np.inf and dual < _DIVERGED and stalls < _MOST_STALLS):
-            return DIVERGED, iteration, gap, dual, excess
+            return DIVERGED, iteration, gap, dual, violation
         factor = system.band + system.convex if settings.cautious else system.band.copy()
         _restrict_band(ends, factor)
         if not _factorise(factor):
             factor = system.band + system.convex
             _restrict_band(ends, factor)
             if not _factorise(factor):
-                return INDEFINITE, iteration, gap, dual, excess
+                return INDEFINITE, iteration, gap, dual, violation
         step = _direction(ends, factor, system.right)
         least, most, by_slack, both = _predict(rows, ends, at, system, step, 0.0 if short else 1.0)
         # Along the predictor slack * d_dual + d_slack * dual = -slack * dual: the sums and ratios of the dual follow.
@@ -460,4 +483,4 @@ def iterate(
         stalls = stalls + 1 if primal < _STALLED else 0
         at.c[:] += primal * step
         expand(ends, at.c)
-    return OUT_OF_ITERATIONS, settings.max_iterations, gap, dual, excess
+    return OUT_OF_ITERATIONS, settings.max_iterations, gap, dual, violation

@@ -1,4 +1,4 @@
-"""Rows in one piece of memory: those with a limit, or a part of them; and the room that they leave."""
+"""Rows in one piece of memory: those with a limit, or a part of them; and the slack of each."""
 
 from __future__ import annotations
 
@@ -6,22 +6,23 @@ import numpy as np
 
 from feedopt_core.arrays import BoolArray, FloatArray, IntArray
 from feedopt_core.compiled import compiled
-from feedopt_core.solver.interior_point_data import ROW_SIZE, PackedRows, Rows
+from feedopt_core.solver.interior_point_data import BEND, DOWN, SLOPE, UP, VALUE, PackedRows, Rows
 
 
 def packed(rows: Rows) -> tuple[PackedRows, IntArray]:
     """Rows that have a limit, and their places among all."""
     limits = rows.inverse_limits
-    limited = (limits[..., 0] != 0.0) | (limits[..., 1] != 0.0)
+    limited = (limits[..., UP] != 0.0) | (limits[..., DOWN] != 0.0)
     counts = np.sum(limited, axis=-1)
     ends = np.cumsum(counts).reshape(counts.shape)
     index = np.flatnonzero(limited)
+    # take and compress copy records as a whole, an index in brackets copies field by field.
     those = PackedRows(
         rows.basis,
         rows.weights_mm,
         ends - counts,
         counts,
-        rows.coefficients.reshape(-1, ROW_SIZE)[index],
+        np.take(rows.coefficients, index),
         limits.reshape(-1, 2)[index],
         rows.over_root[index % len(rows.over_root)],
     )
@@ -35,15 +36,15 @@ def part(rows: PackedRows, kept: BoolArray) -> PackedRows:
     return rows._replace(
         first=first,
         counts=before[rows.first + rows.counts] - first,
-        coefficients=rows.coefficients[kept],
+        coefficients=np.compress(kept, rows.coefficients),
         inverse_limits=rows.inverse_limits[kept],
         over_root=rows.over_root[kept],
     )
 
 
 @compiled
-def rooms(rows: PackedRows, c: FloatArray, room: FloatArray) -> float:
-    """Fill in what each side leaves of its limit, 0 without one, shape (n, 2).
+def slacks(rows: PackedRows, c: FloatArray, slack: FloatArray) -> float:
+    """Fill in the slack of each side, as a part of its limit, 0 without one, shape (n, 2).
 
     Returns:
         Motion time, not a number where q is not positive.
@@ -51,27 +52,28 @@ def rooms(rows: PackedRows, c: FloatArray, room: FloatArray) -> float:
     basis, weights, first, counts, coefficients, limits, over_root = rows
     spans, points = weights.shape
     time = 0.0
-    room[:] = 0.0
+    slack[:] = 0.0
     for k in range(spans):
         for p in range(points):
             if weights[k, p] == 0.0:
                 continue
-            x = basis[k, p]
-            q = x[0, 0] * c[k] + x[0, 1] * c[k + 1] + x[0, 2] * c[k + 2]
-            slope = x[1, 0] * c[k] + x[1, 1] * c[k + 1] + x[1, 2] * c[k + 2]
-            bend = x[2, 0] * c[k] + x[2, 1] * c[k + 1] + x[2, 2] * c[k + 2]
+            q = slope = bend = 0.0
+            for i in range(3):
+                q += basis[k, p, VALUE, i] * c[k + i]
+                slope += basis[k, p, SLOPE, i] * c[k + i]
+                bend += basis[k, p, BEND, i] * c[k + i]
             if not q > 0.0:
                 return np.nan
-            root_q = np.sqrt(q)
-            time += weights[k, p] / root_q
+            root = np.sqrt(q)
+            time += weights[k, p] / root
             for r in range(first[k, p], first[k, p] + counts[k, p]):
-                up, down = limits[r, 0], limits[r, 1]
+                up, down = limits[r, UP], limits[r, DOWN]
                 row = coefficients[r]
-                y = row[0] * q + row[1] * slope + root_q * row[5]
+                y = row.on_q * q + row.on_slope * slope + root * row.on_root
                 if over_root[r] > 0.0:
-                    y += root_q * (row[2] * q + row[3] * slope + row[4] * bend)
+                    y += root * (row.on_root_q * q + row.on_root_slope * slope + row.on_root_bend * bend)
                 if up != 0.0:
-                    room[r, 0] = 1.0 - up * y
+                    slack[r, UP] = 1.0 - up * y
                 if down != 0.0:
-                    room[r, 1] = 1.0 + down * y
+                    slack[r, DOWN] = 1.0 + down * y
     return time

@@ -20,7 +20,7 @@ from feedopt_core.geometry.toolpath import Toolpath
 from feedopt_core.machine.limits import KinematicLimits, MotionLimits
 from feedopt_core.motion.profile import ElementKind, FeedProfile
 from feedopt_core.planner.mesh import QuadraticSpline
-from feedopt_core.solver.interior_point_data import BEND, LINE, ROOT, Rows
+from feedopt_core.solver.interior_point_data import Rows
 
 Z = np.array([0.0, 0.3, 0.5, 1.0])
 MACHINE = kinematic_machine(velocity=(90.0, 120.0), acceleration=(400.0, 700.0), jerk=(9000.0, 20000.0))
@@ -50,12 +50,11 @@ class Mesh:
     def used(self) -> FloatArray:
         """Every row over its limits up and down, shape (n, 2, p, m)."""
         c = np.stack([self.control_points[i : len(self.q[0]) + i] for i in range(3)], axis=-1)
-        # q, q' and q'' at every point, shape (m, p, 1, 3).
-        x = np.einsum("mpxl,ml->mpx", self.rows.basis, c)[:, :, None]
-        coefficients = self.rows.coefficients
-        straight = np.sum(coefficients[..., LINE : LINE + 2] * x[..., :2], axis=-1)
-        bent = np.sum(coefficients[..., BEND : BEND + 3] * x, axis=-1)
-        y = straight + np.sqrt(self.q.T)[..., None] * (coefficients[..., ROOT] + bent)
+        # Shape (3, m, p, 1).
+        q, slope, bend = np.einsum("mpxl,ml->xmp", self.rows.basis, c)[..., None]
+        row = self.rows.coefficients
+        by_root = row["on_root"] + row["on_root_q"] * q + row["on_root_slope"] * slope + row["on_root_bend"] * bend
+        y = row["on_q"] * q + row["on_slope"] * slope + np.sqrt(self.q.T)[..., None] * by_root
         return np.asarray((y[..., None] * [1.0, -1.0] * self.rows.inverse_limits).transpose(2, 3, 1, 0))
 
 
@@ -154,8 +153,8 @@ def test_drives_that_move_alike_share_the_lowest_kinematic_limits() -> None:
     rows = rows_of_a_line(0.5, MotionLimits(("XR", "XL", "Y"), motion), gantry)
     # Velocity, acceleration of the second X and of Y, jerk of the first X and of Y.
     assert rows.coefficients.shape[2] == 5
-    assert np.allclose(rows.coefficients[0, 0, 1:3, LINE + 1], [0.5 / 300.0, 0.25 / 700.0])
-    assert np.allclose(rows.coefficients[0, 0, 3:5, BEND + 2], [0.5 / 9000.0, 0.25 / 20000.0])
+    assert np.allclose(rows.coefficients["on_slope"][0, 0, 1:3], [0.5 / 300.0, 0.25 / 700.0])
+    assert np.allclose(rows.coefficients["on_root_bend"][0, 0, 3:5], [0.5 / 9000.0, 0.25 / 20000.0])
 
 
 def test_limits_that_are_not_given_have_no_rows() -> None:

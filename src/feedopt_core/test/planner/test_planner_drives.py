@@ -25,7 +25,6 @@ from feedopt_core.planner.methods import METHOD_NAMES, make_method
 from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 from feedopt_core.planner.time_optimal import window_solve
 from feedopt_core.solver.banded_interior_point import TimeSolution, minimise_time
-from feedopt_core.solver.interior_point_data import ROOT
 
 BENT = np.array([(0, 0), (20, -3), (31, 12), (14, 25), (-6, 17), (3, 40)], dtype=float)
 FREE = (INFINITY, INFINITY)
@@ -235,7 +234,7 @@ def test_plan_under_derived_limits_is_taken_where_both_solvers_fail(monkeypatch:
 
     def only_kinematic(problem: window_solve.TimeProblem, *args: FloatArray, **kwargs: bool) -> TimeSolution:
         # Five kinds of rows: velocity, and acceleration and jerk of two axes.
-        if np.any(problem.rows.coefficients[..., ROOT] != 0.0):
+        if np.any(problem.rows.coefficients["on_root"] != 0.0):
             raise SolverError("no convergence, for the test")
         return minimise_time(problem, *args, **kwargs)
 

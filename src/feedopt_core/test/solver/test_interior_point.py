@@ -15,7 +15,7 @@ from feedopt_core.errors import SolverError
 from feedopt_core.planner.mesh import QuadraticSpline
 from feedopt_core.solver import banded_interior_point
 from feedopt_core.solver.banded_interior_point import FixedStart, RestEnd, TimeProblem, TimeSolution, minimise_time
-from feedopt_core.solver.interior_point_data import BEND, LINE, ROOT, ROW_SIZE, Rows
+from feedopt_core.solver.interior_point_data import DOWN, ROW, UP, Rows
 from feedopt_core.solver.interior_point_kernel import iterate
 
 Z = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -46,9 +46,9 @@ class Straight:
         basis = np.stack(self.spline.basis(Z)).transpose(3, 2, 0, 1).copy()
         weights = np.outer(self.spline.widths_mm, BOOLE)
         # One-sided rows, three kinds a point: factors of q and q'.
-        coefficients = np.zeros((*weights.shape, 3, ROW_SIZE))
-        coefficients[:, :, 0, LINE] = 1.0 / self.q_max.T
-        coefficients[:, :, 1:, LINE + 1] = np.array([1.0, -1.0]) / self.slope_limit
+        coefficients = np.zeros((*weights.shape, 3), ROW)
+        coefficients["on_q"][:, :, 0] = 1.0 / self.q_max.T
+        coefficients["on_slope"][:, :, 1:] = np.array([1.0, -1.0]) / self.slope_limit
         inverse_limits = np.broadcast_to([1.0, 0.0], (*coefficients.shape[:3], 2)).copy()
         return TimeProblem(Rows(basis, weights, coefficients, inverse_limits, np.zeros(3)), start, end)
 
@@ -275,27 +275,28 @@ def driven_rows(spline: QuadraticSpline, geometry: tuple[float, float, float]) -
     """One axis with torque 1.5 A + 2 g1 sqrt(q) and tracking error 0.4 A + 0.1 g1 sqrt(q) + 0.05 sqrt(q) W."""
     g1, g2, g3 = geometry
     basis = np.stack(spline.basis(Z)).transpose(3, 2, 0, 1).copy()
-    coefficients = np.zeros((*basis.shape[:2], 3, ROW_SIZE))
+    coefficients = np.zeros((*basis.shape[:2], 3), ROW)
     inverse_limits = np.zeros((*basis.shape[:2], 3, 2))
-    acceleration, jerk = np.array([g2, 0.5 * g1]), np.array([g3, 1.5 * g2, 0.5 * g1])
-    coefficients[:, :, 0, LINE] = 1.0
-    inverse_limits[:, :, 0, 0] = 1.0 / 250.0
-    coefficients[:, :, 1, LINE : LINE + 2], coefficients[:, :, 1, ROOT] = 1.5 * acceleration, 2.0 * g1
-    inverse_limits[:, :, 1] = 1.0 / 40.0, 1.0 / 44.0
-    coefficients[:, :, 2, LINE : LINE + 2], coefficients[:, :, 2, ROOT] = 0.4 * acceleration, 0.1 * g1
-    coefficients[:, :, 2, BEND : BEND + 3] = 0.05 * jerk
+    velocity, torque, error = (coefficients[:, :, row] for row in range(3))
+    velocity["on_q"] = 1.0
+    inverse_limits[:, :, 0, UP] = 1.0 / 250.0
+    torque["on_q"], torque["on_slope"], torque["on_root"] = 1.5 * g2, 0.75 * g1, 2.0 * g1
+    inverse_limits[:, :, 1, UP], inverse_limits[:, :, 1, DOWN] = 1.0 / 40.0, 1.0 / 44.0
+    error["on_q"], error["on_slope"], error["on_root"] = 0.4 * g2, 0.2 * g1, 0.1 * g1
+    error["on_root_q"], error["on_root_slope"], error["on_root_bend"] = 0.05 * g3, 0.075 * g2, 0.025 * g1
     inverse_limits[:, :, 2] = 1.0 / 6.0
     weights = np.outer(spline.widths_mm, BOOLE)
     return Rows(basis, weights, coefficients, inverse_limits, np.array([0.0, 0.0, 1.0]))
 
 
-def room(rows: Rows, control_points: FloatArray) -> FloatArray:
+def slack(rows: Rows, control_points: FloatArray) -> FloatArray:
     """1 - row for every side with a limit, from the definition of a row."""
     c = np.stack([control_points[i : len(rows.basis) + i] for i in range(3)], axis=-1)
-    x = np.einsum("mpxi,mi->mpx", rows.basis, c)
-    line = np.einsum("mpnx,mpx->mpn", rows.coefficients[..., LINE : LINE + 2], x[..., :2])
-    bend = np.einsum("mpnx,mpx->mpn", rows.coefficients[..., BEND : BEND + 3], x)
-    y = line + np.sqrt(x[..., :1]) * (rows.coefficients[..., ROOT] + bend)
+    # Shape (3, m, p, 1).
+    q, q_slope, q_bend = np.einsum("mpxi,mi->xmp", rows.basis, c)[..., None]
+    row = rows.coefficients
+    by_root = row["on_root"] + row["on_root_q"] * q + row["on_root_slope"] * q_slope + row["on_root_bend"] * q_bend
+    y = row["on_q"] * q + row["on_slope"] * q_slope + np.sqrt(q) * by_root
     sides = 1.0 - y[..., None] * [1.0, -1.0] * rows.inverse_limits
     return np.asarray(sides[rows.inverse_limits > 0.0])
 
@@ -307,8 +308,8 @@ def test_nonlinear_rows_hold_and_give_the_time_of_a_general_optimiser(geometry: 
     rows = driven_rows(straight.spline, geometry)
     solution = minimise_time(TimeProblem(rows, REST, REST), np.full(14, 15.0), tolerance=1e-8)
     c = solution.control_points
-    assert np.min(room(rows, c)) >= -1e-8
-    assert np.count_nonzero(room(rows, c) < 1e-4) >= 8, "limits bind nearly everywhere"
+    assert np.min(slack(rows, c)) >= -1e-8
+    assert np.count_nonzero(slack(rows, c) < 1e-4) >= 8, "limits bind nearly everywhere"
     equations, right = end_conditions(REST, REST, 14)
     oracle = minimize(
         straight.time,
@@ -316,7 +317,7 @@ def test_nonlinear_rows_hold_and_give_the_time_of_a_general_optimiser(geometry: 
         method="SLSQP",
         bounds=bounds(REST, REST, 14),
         constraints=[
-            {"type": "ineq", "fun": lambda x: room(rows, x)},
+            {"type": "ineq", "fun": lambda x: slack(rows, x)},
             LinearConstraint(equations, right, right),
         ],
         options={"ftol": 1e-10, "maxiter": 300},
