@@ -63,7 +63,7 @@ def main(argv: list[str]) -> int:
 def _result(execution: Execution) -> str:
     """How the program ended, and the nodes after it."""
     outcome = execution.outcome
-    ended = "no answer" if outcome is None else "executed to its end" if outcome.succeeded else outcome.message
+    ended = "no answer" if outcome is None else "executed to its end" if outcome.succeeded else str(outcome.failure)
     failed = [f"{name} ended with {code}" for name, code in execution.exit_codes.items() if code]
     return "; ".join([ended, *failed, *execution.remarks])
 

@@ -11,21 +11,27 @@ import pytest
 from graph_run import PATIENCE_S, TINY, RunningGraph
 
 from feedopt_core.config_files import config_directory
-from feedopt_msgs.action import ExecuteProgram
+from feedopt_core.errors import Failure, FailureKind
 from feedopt_node.run import EXIT_SECOND_GRAPH
 from feedopt_recorder.bags.check_bag import check_run
 from feedopt_recorder.bags.read_bag import read_bag
-from feedopt_tools.execute.client import ProgramRequest, Progress
+from feedopt_tools.execute.client import ProgramOutcome, ProgramRequest, Progress
 from feedopt_tools.execute.line_sender import BLOCK_LINES, BLOCKS_AHEAD
 from feedopt_tools.execute.processes import executable_path
 
 pytestmark = pytest.mark.graph
-Result = ExecuteProgram.Result
+
+
+def refused(outcome: ProgramOutcome) -> Failure:
+    """Failure of a program that cannot be read."""
+    assert outcome.failure is not None
+    assert outcome.failure.kind is FailureKind.PROGRAM
+    return outcome.failure
 
 
 def assert_runs_a_good_program(graph: RunningGraph) -> None:
     outcome = graph.run_text(TINY)
-    assert outcome.succeeded, outcome.message
+    assert outcome.succeeded, outcome.failure
     assert outcome.path_length_mm > 10.0
     assert outcome.motion_time_s > 0.0
     graph.processes.check()
@@ -45,23 +51,21 @@ def test_a_bad_program_is_rejected_with_its_place(
     graph: RunningGraph, text: str, line: int, column: int, message: str
 ) -> None:
     outcome = graph.run_text(text)
-    assert outcome.outcome == Result.REJECTED_PROGRAM
-    assert (outcome.line, outcome.column) == (line, column)
-    assert message in outcome.message
-    assert f"tiny.csv:{line}:{column}" in outcome.message
+    failure = refused(outcome)
+    assert (failure.source, failure.line, failure.column) == ("tiny.csv", line, column)
+    assert message in failure.message
     assert outcome.segments == 0
 
 
 def test_after_bad_programs_a_good_one_runs(graph: RunningGraph) -> None:
-    assert graph.run_text("nothing").outcome == Result.REJECTED_PROGRAM
+    refused(graph.run_text("nothing"))
     assert_runs_a_good_program(graph)
 
 
 def test_a_missing_file_is_rejected_by_name(graph: RunningGraph, tmp_path: Path) -> None:
     path = tmp_path / "none.csv"
     outcome = graph.run(ProgramRequest("none.csv", path=path))
-    assert outcome.outcome == Result.REJECTED_PROGRAM
-    assert str(path) in outcome.message
+    assert str(path) in str(refused(outcome))
 
 
 def test_a_streamed_program_is_the_same_as_its_text(graph: RunningGraph) -> None:
@@ -69,28 +73,25 @@ def test_a_streamed_program_is_the_same_as_its_text(graph: RunningGraph) -> None
     remarks = "(nothing moves here)\n" * ((BLOCKS_AHEAD + 10) * BLOCK_LINES)
     text = f"G21 G90 G64 P0.05 F6000\n{remarks}G1 X10\nG3 Y5 J2.5\nG1 X-4\nM2\n"
     whole = graph.run(ProgramRequest("pocket.ngc", text=text))
-    assert whole.succeeded, whole.message
+    assert whole.succeeded, whole.failure
     assert whole.segments > 0
     streamed = graph.run(ProgramRequest("pocket.ngc", text=text, streamed=True))
-    assert streamed.succeeded, streamed.message
+    assert streamed.succeeded, streamed.failure
     assert (streamed.segments, streamed.path_length_mm) == (whole.segments, whole.path_length_mm)
     assert streamed.motion_time_s == pytest.approx(whole.motion_time_s, rel=1e-9)
 
 
 def test_a_goal_that_no_transition_can_meet_is_rejected(graph: RunningGraph) -> None:
     outcome = graph.run(ProgramRequest("tiny.csv", text=TINY, transition_reach_mm=2.0, transition_side="above"))
-    assert outcome.outcome == Result.REJECTED_PROGRAM
-    assert "no side 'above'" in outcome.message
+    assert "no side 'above'" in refused(outcome).message
     outcome = graph.run(ProgramRequest("tiny.csv", text=TINY, transition_reach_mm=2.0))
-    assert outcome.outcome == Result.REJECTED_PROGRAM
-    assert "list of points" in outcome.message
+    assert "list of points" in refused(outcome).message
     assert_runs_a_good_program(graph)
 
 
 def test_a_streamed_program_may_be_bad(graph: RunningGraph) -> None:
     outcome = graph.run(ProgramRequest("bad.ngc", text="G21 F600\nG1 X10\nG1 X2-0\n", streamed=True))
-    assert outcome.outcome == Result.REJECTED_PROGRAM
-    assert outcome.line == 3
+    assert refused(outcome).line == 3
     assert_runs_a_good_program(graph)
 
 
@@ -105,7 +106,8 @@ def test_a_cancelled_program_comes_to_rest_on_the_path(graph: RunningGraph) -> N
     path = config_directory() / "programs" / "fan_contour.csv"
     outcome = graph.run(ProgramRequest("fan", path=path), cancel_in_motion)
     assert cancelled
-    assert outcome.outcome == Result.CANCELED
+    assert outcome.failure is not None
+    assert outcome.failure.kind is FailureKind.CANCELED
     assert_runs_a_good_program(graph)
 
 

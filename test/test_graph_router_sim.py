@@ -12,8 +12,10 @@ import rclpy
 from graph_run import MACHINE, wait_for
 from rclpy.executors import SingleThreadedExecutor
 
+from feedopt_core.errors import FailureKind
 from feedopt_core.machine.machine_file import machine_path
 from feedopt_msgs.msg import AxisSetpoint, AxisState, NodeStatus
+from feedopt_node.failure_conversions import failure_of_status
 from feedopt_node.graph import load_graph
 from feedopt_node.qos import qos_profile
 from feedopt_tools.execute.processes import GraphProcesses
@@ -120,7 +122,10 @@ def test_one_state_for_each_set_point_and_the_same_every_time(bench: Bench) -> N
 def test_a_lost_set_point_is_a_fault_and_the_next_program_runs(bench: Bench) -> None:
     bench.move(3, left_out=100)
     status = bench.until_state(NodeStatus.FAULT, 3)
-    assert status.text == (
+    failure = failure_of_status(status)
+    assert failure is not None
+    assert failure.kind is FailureKind.SEQUENCE_GAP
+    assert failure.message == (
         "/axis_setpoint: program 3 has sequence 101 where 100 was due: a message is lost, execute the program again"
     )
     assert len(run(bench, 4)) == TICKS

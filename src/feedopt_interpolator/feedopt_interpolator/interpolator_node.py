@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from feedopt_core.errors import FeedoptError
+from feedopt_core.errors import Failure, FeedoptError, failure_of
 from feedopt_core.machine.machine_file import load_machine
 from feedopt_core.motion.setpoints import InterpolatorParameters
 from feedopt_interpolator.conversions import diagnostics
@@ -17,7 +17,6 @@ from feedopt_interpolator.tick_thread import Lateness, TickEvents, TickThread
 from feedopt_msgs.msg import FeedProfileChunk, NodeStatus, ToolpathSegment
 from feedopt_node.conversions import chunk_from_message, segment_from_message
 from feedopt_node.errors import SequenceGapError
-from feedopt_node.faults import fault_text
 from feedopt_node.graph_node import GraphNode
 from feedopt_node.parameters import MachineNodeParameters, parameter
 from feedopt_node.run import run_node
@@ -92,9 +91,9 @@ class InterpolatorNode(GraphNode[InterpolatorNodeParameters]):
                 return None
         except SequenceGapError as error:
             if self._motion is not None and self._motion.program_id == message.program_id:
-                self._motion.abandon(fault_text(error))
+                self._motion.abandon(failure_of(error))
             else:
-                self.life.report(state=NodeStatus.FAULT, program_id=message.program_id, text=fault_text(error))
+                self.life.fail(failure_of(error), program_id=message.program_id)
             return None
         if message.sequence == 1:
             motion = self._motion
@@ -116,7 +115,7 @@ class InterpolatorNode(GraphNode[InterpolatorNodeParameters]):
         try:
             add()
         except FeedoptError as error:
-            motion.abandon(fault_text(error))
+            motion.abandon(failure_of(error))
 
     def _take_status(self, status: NodeStatus) -> None:
         """After a fault anywhere no further chunk comes: the stop that is there brings us to rest."""
@@ -142,20 +141,22 @@ class InterpolatorNode(GraphNode[InterpolatorNodeParameters]):
             self.life.report()
 
     def _ended(self, motion: ProgramMotion, lateness: Lateness) -> None:
-        self._close_program(motion, motion.fault)
+        self._close_program(motion, motion.failure)
         self._diagnostics.publish(diagnostics(lateness.figures(), self.get_clock().now().nanoseconds))
 
     def _failed(self, motion: ProgramMotion, error: Exception) -> None:
-        self._close_program(motion, fault_text(error))
+        self._close_program(motion, failure_of(error))
 
-    def _close_program(self, motion: ProgramMotion, fault: str) -> None:
+    def _close_program(self, motion: ProgramMotion, failure: Failure | None) -> None:
         if motion is not self._motion:
             return
         self._segments.close()
         self._chunks.close()
-        if fault:
-            self.get_logger().error(f"program {motion.program_id}: {fault}")
-        self.life.report(state=NodeStatus.FAULT if fault else NodeStatus.DONE, text=fault)
+        if failure is None:
+            self.life.report(state=NodeStatus.DONE, text="")
+            return
+        self.get_logger().error(f"program {motion.program_id}: {failure}")
+        self.life.fail(failure)
 
 
 def main() -> None:

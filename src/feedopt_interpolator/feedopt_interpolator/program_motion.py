@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from feedopt_core.errors import Failure
 from feedopt_core.geometry.segments import Segment
 from feedopt_core.machine.machine_file import Machine
 from feedopt_core.motion.chunk import Chunk
@@ -24,14 +25,14 @@ class ProgramMotion:
 
     Attributes:
         program_id: the program.
-        fault: why the program is to end with a FAULT; empty: it is not.
+        failure: why the program is to end with a FAULT; None: it is not.
     """
 
     def __init__(
         self, program_id: int, machine: Machine, parameters: InterpolatorParameters, start_ahead_s: float
     ) -> None:
         self.program_id = program_id
-        self.fault = ""
+        self.failure: Failure | None = None
         self._stream = SetpointStream(machine, parameters)
         self._waiting: deque[Chunk] = deque()
         self._last_segment = 0
@@ -67,11 +68,11 @@ class ProgramMotion:
             self._waiting.append(chunk)
             self._admit()
 
-    def abandon(self, fault: str = "") -> None:
+    def abandon(self, failure: Failure | None = None) -> None:
         """No further chunk will come: come to rest on the path with the stop that is there, and end."""
         with self._changed:
             self._abandoned = True
-            self.fault = self.fault or fault
+            self.failure = self.failure or failure
             self._changed.notify_all()
 
     def next_block(self, count: int) -> SetpointBlock | None:

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from planned_motion import machine, planned
 
-from feedopt_core.errors import ToolpathError
+from feedopt_core.errors import Failure, FailureKind, ToolpathError
 from feedopt_core.motion.setpoints import InterpolatorParameters, SetpointBlock
 from feedopt_interpolator.program_motion import ProgramMotion
 
+NO_PLAN = Failure(kind=FailureKind.SOLVER, message="no plan")
 PARAMETERS = InterpolatorParameters(rest_before_ticks=3, rest_after_ticks=5)
 
 
@@ -70,9 +71,9 @@ def test_motion_does_not_start_before_enough_is_committed() -> None:
 
 def test_an_abandoned_program_without_motion_ends_at_once() -> None:
     program = motion()
-    program.abandon("no plan")
+    program.abandon(NO_PLAN)
     assert program.next_block(20) is None
-    assert program.fault == "no plan"
+    assert program.failure is NO_PLAN
 
 
 def test_an_abandoned_motion_comes_to_rest_where_its_chunk_stops() -> None:
@@ -93,9 +94,9 @@ def test_an_abandoned_motion_comes_to_rest_where_its_chunk_stops() -> None:
 
 def test_the_first_fault_is_kept() -> None:
     program = motion()
-    program.abandon("first")
-    program.abandon("second")
-    assert program.fault == "first"
+    program.abandon(NO_PLAN)
+    program.abandon(Failure(kind=FailureKind.SEQUENCE_GAP, message="a segment is lost"))
+    assert program.failure is NO_PLAN
 
 
 def test_a_lost_segment_is_an_error() -> None:

@@ -11,8 +11,7 @@ from typing import Any
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
 
-from feedopt_core.errors import ConfigError, FeedoptError
-from feedopt_node.errors import SecondGraphError
+from feedopt_core.errors import FailureKind, FeedoptError
 from feedopt_node.graph_node import GraphNode
 from feedopt_node.private_rclpy import RCLError
 
@@ -20,6 +19,7 @@ EXIT_OK = 0
 EXIT_FAILURE = 1
 EXIT_CONFIG = 2
 EXIT_SECOND_GRAPH = 3
+_EXIT_CODES = {FailureKind.CONFIG: EXIT_CONFIG, FailureKind.SECOND_GRAPH: EXIT_SECOND_GRAPH}
 
 # rclpy wakes the executor first and shuts ROS down afterwards. An executor that looks in between finds all well and
 # waits again, for ever where nothing else wakes it (a recorder asked to end stayed once in some 60 times).
@@ -68,9 +68,7 @@ def run_node(factory: Callable[[], GraphNode[Any]], *, threads: int = 1, argumen
 
 def exit_code(error: FeedoptError) -> int:
     """Exit code of a process that ends with this error."""
-    if isinstance(error, SecondGraphError):
-        return EXIT_SECOND_GRAPH
-    return EXIT_CONFIG if isinstance(error, ConfigError) else EXIT_FAILURE
+    return _EXIT_CODES.get(error.kind, EXIT_FAILURE)
 
 
 def _wake() -> None:

@@ -12,8 +12,11 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 
+from feedopt_core.errors import Failure
+from feedopt_msgs.msg import Failure as FailureMessage
 from feedopt_msgs.msg import NodeStatus
 from feedopt_node.errors import SecondGraphError
+from feedopt_node.failure_conversions import failure_to_message
 from feedopt_node.graph import Graph
 from feedopt_node.private_rclpy import PolledGroup, RCLError, call_if_due, take_all
 from feedopt_node.qos import qos_profile
@@ -165,7 +168,12 @@ class NodeLife:
             missed_ticks=0,
             starved_chunk_sequence=0,
             text="",
+            failure=FailureMessage(),
         )
+
+    def fail(self, failure: Failure, **fields: Any) -> None:
+        """FAULT with its cause, published now; other fields as in :meth:`report`."""
+        self.report(state=NodeStatus.FAULT, text="", failure=failure_to_message(failure), **fields)
 
     def peers_ready(self) -> str | None:
         """None if this node and every present peer have said READY; else the name of the first that has not."""

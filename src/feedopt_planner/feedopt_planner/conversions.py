@@ -1,4 +1,4 @@
-"""Paths for display in metres, the planner's figures as diagnostics, and the answers of the action."""
+"""Paths for display in metres, and the planner's figures as diagnostics."""
 
 from __future__ import annotations
 
@@ -10,12 +10,9 @@ from geometry_msgs.msg import Point, Pose, PoseStamped
 from nav_msgs.msg import Path
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.errors import ToolpathError
 from feedopt_core.geometry.segments import Segment
 from feedopt_core.motion.chunk import Chunk
-from feedopt_msgs.action import ExecuteProgram
 from feedopt_node.conversions import time_message
-from feedopt_node.faults import INFEASIBLE_PREFIX, PROGRAM_PREFIX
 
 DISPLAY_FRAME = "machine"
 MAX_DISPLAY_POINTS = 20_000
@@ -81,24 +78,3 @@ def chunk_diagnostics(chunk: Chunk, now_ns: int) -> DiagnosticArray:
     array = DiagnosticArray(status=[status])
     array.header.stamp = time_message(now_ns)
     return array
-
-
-def refused_program(error: ToolpathError) -> ExecuteProgram.Result:
-    """Result of a program that cannot be read, with the place of the error."""
-    return ExecuteProgram.Result(
-        outcome=ExecuteProgram.Result.REJECTED_PROGRAM,
-        message=str(error),
-        line=max(0, error.line),
-        column=max(0, error.column),
-    )
-
-
-def failed_program(node: str, text: str) -> ExecuteProgram.Result:
-    """Result of a program that a node reported a FAULT for."""
-    for prefix, outcome in (
-        (INFEASIBLE_PREFIX, ExecuteProgram.Result.INFEASIBLE),
-        (PROGRAM_PREFIX, ExecuteProgram.Result.REJECTED_PROGRAM),
-    ):
-        if text.startswith(prefix):
-            return ExecuteProgram.Result(outcome=outcome, message=text.removeprefix(prefix))
-    return ExecuteProgram.Result(outcome=ExecuteProgram.Result.FAULT, message=f"{node}: {text}")

@@ -6,13 +6,12 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
-from feedopt_core.errors import FeedoptError
+from feedopt_core.errors import FeedoptError, failure_of
 from feedopt_core.machine.machine_file import load_machine
 from feedopt_core.motion.chunk import Chunk
 from feedopt_core.planner.stream_planner import PlannerParameters
 from feedopt_msgs.msg import NodeStatus, ToolpathSegment
 from feedopt_node.conversions import chunk_to_message, machine_to_message, segment_from_message
-from feedopt_node.faults import fault_text
 from feedopt_node.graph_node import GraphNode
 from feedopt_node.parameters import MachineNodeParameters, parameter
 from feedopt_node.run import run_node
@@ -115,8 +114,9 @@ class PlannerNode(GraphNode[PlannerNodeParameters]):
 
     def _failed(self, program_id: int, error: Exception) -> None:
         self._check.close()
-        self.get_logger().error(f"program {program_id}: {error}")
-        self.life.report(state=NodeStatus.FAULT, program_id=program_id, text=fault_text(error))
+        failure = failure_of(error)
+        self.get_logger().error(f"program {program_id}: {failure}")
+        self.life.fail(failure, program_id=program_id)
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -14,7 +14,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 
-from feedopt_core.errors import FeedoptError, ToolpathError
+from feedopt_core.errors import Failure, FailureKind, failure_of
 from feedopt_core.geometry.segments import Segment
 from feedopt_core.machine.machine_file import load_machine
 from feedopt_core.pipeline.read_program import Program, open_program, read_program
@@ -23,10 +23,11 @@ from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM
 from feedopt_msgs.action import ExecuteProgram
 from feedopt_msgs.msg import NodeStatus, ProgramLines
 from feedopt_node.conversions import segment_to_message
+from feedopt_node.failure_conversions import failure_of_status, failure_to_message
 from feedopt_node.graph_node import GraphNode
 from feedopt_node.parameters import MachineNodeParameters, parameter
 from feedopt_node.run import run_node
-from feedopt_planner.conversions import DisplayPath, failed_program, refused_program
+from feedopt_planner.conversions import DisplayPath
 from feedopt_planner.line_inbox import LineInbox
 
 NODE_NAME = "toolpath"
@@ -58,12 +59,11 @@ class ToolpathNodeParameters(MachineNodeParameters):
 
 
 class ProgramStopped(Exception):  # noqa: N818 (an outcome, not an error)
-    """The program ends early with this result; ``canceled``: at the client's wish."""
+    """The program ends early, because of this."""
 
-    def __init__(self, result: Result, *, canceled: bool = False) -> None:
-        super().__init__(result.message)
-        self.result = result
-        self.canceled = canceled
+    def __init__(self, failure: Failure) -> None:
+        super().__init__(str(failure))
+        self.failure = failure
 
 
 @dataclass
@@ -76,7 +76,7 @@ class RunningProgram:
     program_id: int = 0
     segments: int = 0
     s_mm: float = 0.0
-    fault: Result | None = field(default=None)
+    failure: Failure | None = None
 
 
 class ToolpathNode(GraphNode[ToolpathNodeParameters]):
@@ -138,7 +138,7 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
         result.segments = run.segments
         result.path_length_mm = run.s_mm
         # What was planned, or, where the program ended early, how far the motion came.
-        timekeeper = "planner" if result.outcome == Result.SUCCEEDED else "interpolator"
+        timekeeper = "interpolator" if result.failure.kind else "planner"
         result.motion_time_s = float(self._peer_value(timekeeper, run, "motion_time_s"))
         return result
 
@@ -157,26 +157,22 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
             self._display.publish(run.display.to_message(self.get_clock().now().nanoseconds))
             self._wait(run, lambda: self._motion_over(run))
         except ProgramStopped as stop:
-            result, canceled = stop.result, stop.canceled
-        except ToolpathError as error:
-            result, canceled = refused_program(error), False
-        except FeedoptError as error:
-            result, canceled = Result(outcome=Result.FAULT, message=f"{NODE_NAME}: {error}"), False
-        except Exception as error:  # noqa: BLE001 (whatever broke here: the machine comes to rest, the client hears)
-            self.get_logger().error(traceback.format_exc())
-            message = f"{NODE_NAME}: unexpected {type(error).__name__}: {error}; its log has the trace"
-            result, canceled = Result(outcome=Result.FAULT, message=message), False
+            failure = stop.failure
+        except Exception as error:  # noqa: BLE001 (whatever broke here: the machine stops, the client hears)
+            failure = replace(failure_of(error), node=NODE_NAME)
+            if failure.kind is FailureKind.INTERNAL:
+                self.get_logger().error(traceback.format_exc())
         else:
             self.life.report(state=NodeStatus.DONE)
             run.goal.succeed()
-            return Result(outcome=Result.SUCCEEDED)
-        self.get_logger().warning(f"program {run.program_id}: {result.message}")
+            return Result()
+        self.get_logger().warning(f"program {run.program_id}: {failure}")
         # The others take this as the end of the stream and come to rest on the path.
-        self.life.report(state=NodeStatus.FAULT, text=result.message)
+        self.life.fail(failure)
         self._wait_for_rest(run)
         if self.context.ok():
-            (run.goal.canceled if canceled else run.goal.abort)()
-        return result
+            (run.goal.canceled if failure.kind is FailureKind.CANCELED else run.goal.abort)()
+        return Result(failure=failure_to_message(failure))
 
     def _read(self, run: RunningProgram) -> Iterator[Segment]:
         request = run.goal.request
@@ -217,19 +213,26 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
         """Wait for a condition that statuses of the peers bring about. Raises ProgramStopped."""
         with self._changed:
             while True:
-                if run.fault is not None:
-                    raise ProgramStopped(run.fault)
-                if run.goal.is_cancel_requested:
-                    canceled = Result(outcome=Result.CANCELED, message="canceled by the client")
-                    raise ProgramStopped(canceled, canceled=True)
-                silent = self.life.silent_peer()
-                if silent is not None:
-                    raise ProgramStopped(failed_program(silent, "has fallen silent; its log tells why"))
-                if self._closing:
-                    raise ProgramStopped(failed_program(NODE_NAME, "was shut down"))
+                failure = self._failure(run)
+                if failure is not None:
+                    raise ProgramStopped(failure)
                 if condition():
                     return
                 self._changed.wait(WAIT_PERIOD_S)
+
+    def _failure(self, run: RunningProgram) -> Failure | None:
+        """What ends a program from outside; None: nothing does."""
+        if run.failure is not None:
+            return run.failure
+        if run.goal.is_cancel_requested:
+            return Failure(kind=FailureKind.CANCELED, message="canceled by the client")
+        silent = self.life.silent_peer()
+        if silent is not None:
+            message = "has fallen silent; its log tells why"
+            return Failure(kind=FailureKind.SILENT_PEER, node=silent, message=message)
+        if self._closing:
+            return Failure(kind=FailureKind.NODE_DIED, node=NODE_NAME, message="was shut down")
+        return None
 
     def _wait_for_rest(self, run: RunningProgram) -> None:
         """After an early end: wait until the machine rests, as far as those who know it are alive."""
@@ -263,8 +266,9 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
             run = self._running
             if run is None or status.program_id != run.program_id:
                 return
-            if status.state == NodeStatus.FAULT and run.fault is None:
-                run.fault = failed_program(status.node, status.text)
+            failure = failure_of_status(status)
+            if failure is not None and run.failure is None:
+                run.failure = replace(failure, node=str(status.node))
             self._changed.notify_all()
             if run.goal.is_active:
                 self._send_feedback(run)

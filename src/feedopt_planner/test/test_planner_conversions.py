@@ -1,4 +1,4 @@
-"""Displayed paths in metres, diagnostics, and answers of the action."""
+"""Displayed paths in metres, and diagnostics."""
 
 from __future__ import annotations
 
@@ -10,21 +10,15 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message, serialize_message
 
-from feedopt_core.errors import ToolpathError
 from feedopt_core.geometry.segments import PlanarSegment, SegmentKind, SegmentPlace
 from feedopt_core.motion.certificate import Certificate
 from feedopt_core.motion.chunk import Chunk, SolverFigures
 from feedopt_core.motion.profile import FeedProfile
-from feedopt_msgs.action import ExecuteProgram
 from feedopt_planner.conversions import (
     MAX_DISPLAY_POINTS,
     DisplayPath,
     chunk_diagnostics,
-    failed_program,
-    refused_program,
 )
-
-Result = ExecuteProgram.Result
 
 
 def line(sequence: int, length_mm: float = 10.0) -> PlanarSegment:
@@ -81,22 +75,3 @@ def test_diagnostics_name_cost_and_certificate_and_warn_of_a_fallback() -> None:
     assert again.status[0].level == DiagnosticStatus.OK
     fallback = replace(chunk(), figures=replace(chunk().figures, fallback=True))
     assert chunk_diagnostics(fallback, 5).status[0].level == DiagnosticStatus.WARN
-
-
-def test_a_refused_program_has_its_place() -> None:
-    result = refused_program(ToolpathError("odd", source="a.csv", line=3, column=7))
-    assert (result.outcome, result.line, result.column) == (Result.REJECTED_PROGRAM, 3, 7)
-    assert result.message == "a.csv:3:7: odd"
-
-
-@pytest.mark.parametrize(
-    ("text", "outcome", "message"),
-    [
-        ("infeasible: jerk of axis X", Result.INFEASIBLE, "jerk of axis X"),
-        ("program: a corner", Result.REJECTED_PROGRAM, "a corner"),
-        ("disk full", Result.FAULT, "planner: disk full"),
-    ],
-)
-def test_a_fault_becomes_the_result_it_stands_for(text: str, outcome: int, message: str) -> None:
-    result = failed_program("planner", text)
-    assert (result.outcome, result.message) == (outcome, message)

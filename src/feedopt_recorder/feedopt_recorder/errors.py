@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from feedopt_core.errors import FeedoptError
+from feedopt_core.errors import FailureKind, FeedoptError
 
 
 class BagError(FeedoptError):
     """Root of every error about a recorded bag; the message names the file and the way out."""
+
+    kind = FailureKind.BAG
 
 
 class BagMissingError(BagError):
@@ -27,6 +29,8 @@ class BagForeignError(BagError):
 
 class BagWriteError(BagError):
     """The bag cannot be created or written any further; what could be saved was saved."""
+
+    kind = FailureKind.RECORDING
 
 
 class BagDefinitionError(BagForeignError):

@@ -16,8 +16,7 @@ from typing import Any
 
 from rclpy.subscription import Subscription
 
-from feedopt_core.errors import FeedoptError
-from feedopt_msgs.msg import NodeStatus
+from feedopt_core.errors import Failure, failure_of
 from feedopt_node.graph_node import GraphNode
 from feedopt_node.polling import PollingThread
 from feedopt_node.private_rclpy import PolledGroup, take_all
@@ -52,7 +51,7 @@ class RecorderNode(GraphNode[RecorderParameters]):
         schemas = MessageSchemas(ament_share_directories())
         provenance = self.parameters.provenance_file
         topics = self.graph.subscriptions(self.get_name())
-        self.failure = ""
+        self.failure: Failure | None = None
         self._writer = BagWriter(
             self.parameters.directory(),
             topics,
@@ -83,7 +82,7 @@ class RecorderNode(GraphNode[RecorderParameters]):
             self._drain()
             self._writer.close({"feedopt/recorder": {"summary": json.dumps(self._summary().as_document())}})
         except BagWriteError as error:
-            self._fail(error)
+            self._fail(failure_of(error))
         summary = self._summary()
         (self._writer.directory / SUMMARY_NAME).write_text(
             json.dumps(summary.as_document(), indent=1), encoding="utf-8"
@@ -98,8 +97,9 @@ class RecorderNode(GraphNode[RecorderParameters]):
         self._writer.flush_if_due()
 
     def _stop_recording(self, error: Exception) -> None:
-        self._fail(error)
-        self.life.report(state=NodeStatus.FAULT, text=self.failure)
+        failure = failure_of(error)
+        self._fail(failure)
+        self.life.fail(failure)
 
     def _drain(self) -> None:
         batch = []
@@ -121,12 +121,12 @@ class RecorderNode(GraphNode[RecorderParameters]):
             gaps=tuple(gap for tap in self._taps for gap in tap.watch.gaps),
             duration_s=duration_s,
             cpu_share_ratio=(time.process_time() - self._start_cpu_s) / duration_s,
-            failure=self.failure,
+            failure=str(self.failure or ""),
         )
 
-    def _fail(self, error: Exception) -> None:
-        self.failure = str(error) if isinstance(error, FeedoptError) else repr(error)
-        self._say(self.failure)
+    def _fail(self, failure: Failure) -> None:
+        self.failure = failure
+        self._say(str(failure))
 
     def _say(self, text: str) -> None:
         # Not the node's logger: at the end ROS is shut down already.

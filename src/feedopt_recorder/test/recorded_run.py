@@ -158,6 +158,8 @@ def _blank_fields(store: Typestore, type_name: str) -> dict[str, Any]:
         elif node == Nodetype.SEQUENCE:
             element = detail[0][1][0]
             blanks[name] = [] if element == "string" else np.zeros(0, element)
+        elif node == Nodetype.NAME and detail.startswith("feedopt_msgs/"):
+            blanks[name] = store.types[detail](**_blank_fields(store, detail))
     return blanks
 
 

@@ -8,22 +8,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recorded_run import SOURCE, TOPICS, messages, schemas, typestore, write_run
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 pytest.importorskip("feedopt_msgs.msg")
 
+from feedopt_core.errors import Failure, FailureKind
 from feedopt_recorder.bag_writer import BagWriter
 from feedopt_recorder.bags import definitions as module
+from feedopt_recorder.bags.conversions import status_from_message
 from feedopt_recorder.bags.definitions import MIGRATIONS, migrated, migration
 from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.errors import BagDefinitionError, BagForeignError
 from feedopt_recorder.message_schemas import MessageSchemas
 
 SETPOINT, SEGMENT = "feedopt_msgs/msg/AxisSetpoint", "feedopt_msgs/msg/ToolpathSegment"
+STATUS = "feedopt_msgs/msg/NodeStatus"
 OLD_FIELDS = {
     "feedopt_msgs/msg/ToolpathSegment": ("dwell_s", "rapid", "events"),
     "feedopt_msgs/msg/FeedProfileChunk": ("dwell_s", "solver"),
+    STATUS: ("failure",),
 }
 
 
@@ -77,7 +82,7 @@ def test_type_that_is_not_installed_is_named() -> None:
 
 
 def old_share(tmp_path: Path) -> MessageSchemas:
-    """The definitions before dwells, rapids and events were carried."""
+    """The definitions before dwells, rapids, events and failures were carried."""
     schemas(tmp_path)
     for path in (SOURCE / "feedopt_msgs" / "msg").glob("*.msg"):
         text = without(path.read_text(), *OLD_FIELDS.get(f"feedopt_msgs/msg/{path.stem}", ()))
@@ -104,6 +109,7 @@ def test_bag_from_before_dwells_is_read(tmp_path: Path) -> None:
     assert [segment.place for segment in run.segments] == [segment.place for segment in new.segments]
     assert [chunk.dwell_s for chunk in run.chunks] == [0.0] * len(new.chunks)
     np.testing.assert_array_equal(run.chunks[0].profile.q_mm2_s2, new.chunks[0].profile.q_mm2_s2)
+    assert run.statuses == new.statuses
 
 
 def rewritten(today: Typestore, then: Typestore, name: str, payload: bytes) -> bytes:
@@ -112,6 +118,20 @@ def rewritten(today: Typestore, then: Typestore, name: str, payload: bytes) -> b
     values = {field: getattr(message, field) for field, _ in then.get_msgdef(name).fields}
     stamp = then.types["builtin_interfaces/msg/Time"](sec=message.stamp.sec, nanosec=message.stamp.nanosec)
     return bytes(then.serialize_cdr(then.types[name](**{**values, "stamp": stamp}), name))
+
+
+def test_fault_from_before_failures_were_fields_is_what_its_text_said(tmp_path: Path) -> None:
+    definitions = get_types_from_msg(old_share(tmp_path).schema(STATUS), STATUS)
+    then = get_typestore(Stores.ROS2_JAZZY)
+    then.register(definitions)
+    values = {name: 0 for name, (node, _) in then.get_msgdef(STATUS).fields if node == Nodetype.BASE}
+    stamp = then.types["builtin_interfaces/msg/Time"](sec=1, nanosec=2)
+    text = "infeasible: axis X at s = 1.000 mm"
+    for state, failure in ((4, Failure(kind=FailureKind.OTHER, message=text)), (3, None)):
+        old = then.types[STATUS](**{**values, "stamp": stamp, "node": "planner", "state": state, "text": text})
+        recorded = then.deserialize_cdr(then.serialize_cdr(old, STATUS), STATUS)
+        row = status_from_message(*migrated(definitions, STATUS, [recorded]), 5)
+        assert (row.failure, row.said) == (failure, text)
 
 
 def test_machine_from_before_axis_maps(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from feedopt_core.errors import FeedoptError
+from feedopt_core.errors import FailureKind, FeedoptError
 from feedopt_recorder.errors import BagError
 
 
@@ -13,6 +13,8 @@ class NodeDiedError(FeedoptError):
         message: cause with the end of the log.
         exit_code: its exit code; negative: the signal that killed it.
     """
+
+    kind = FailureKind.NODE_DIED
 
     def __init__(self, message: str, exit_code: int) -> None:
         super().__init__(message)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from feedopt_core.errors import ConfigError, InfeasibleLimitsError, SolverError, ToolpathError
+from feedopt_core.errors import ConfigError, FeedoptError, InfeasibleLimitsError, SolverError, ToolpathError
 from feedopt_node.errors import SecondGraphError
 from feedopt_tools.command import machine_checks
 from feedopt_tools.command.bench import benchmark_names
@@ -59,13 +59,13 @@ def test_every_command_has_help(name: str) -> None:
     [
         (ConfigError("x"), 2),
         (ToolpathError("x"), 2),
-        (InfeasibleLimitsError("x", quantity="jerk", axis="X", s_mm=0.0, margin=2.0), 2),
+        (InfeasibleLimitsError("x", quantity="jerk", axis="X", s_mm=0.0, ratio=2.0), 2),
         (SolverError("x"), 1),
         (SecondGraphError("x"), 3),
     ],
 )
-def test_exit_codes(error: Exception, code: int) -> None:
-    assert exit_code(error) == code
+def test_exit_codes(error: FeedoptError, code: int) -> None:
+    assert exit_code(error.kind) == code
 
 
 def test_plan_writes_set_points_and_report(program: Path, tmp_path: Path) -> None:

@@ -12,6 +12,8 @@ import rerun as rr
 from click.testing import CliRunner
 from recorded_run import write_run
 
+from feedopt_core.errors import Failure, FailureKind
+from feedopt_msgs.msg import NodeStatus
 from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.bags.run_data import RunData, SampleArrays, StatusRow
 from feedopt_tools.command.main import main
@@ -106,11 +108,10 @@ def test_path_begins_anew_with_a_program(run: RunData) -> None:
 def test_a_state_is_listed_when_it_changes(run: RunData) -> None:
     captured, drawing = drawn(run)
 
-    def report(state: int, text: str = "") -> None:
-        drawing.add_status(StatusRow(0, "planner", state, 1, 0, 0, 0.0, 0.0, 0, 0, text))
-
+    failure = Failure(kind=FailureKind.SOLVER, message="no solution")
     for state in (1, 2, 2, 2, 4):
-        report(state, "no solution" if state == 4 else "")
+        cause = failure if state == NodeStatus.FAULT else None
+        drawing.add_status(StatusRow(0, "planner", state, 1, 0, 0, 0.0, 0.0, 0, 0, "", cause))
     texts = [str(entry.text.as_arrow_array()[0]) for entry in captured.logged["events"]]
     assert texts == ["planner: READY", "planner: RUNNING", "planner: FAULT: no solution"]
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from recorded_run import write_run
 
+from feedopt_core.errors import Failure, FailureKind
 from feedopt_core.programs.moves import ArcMove, LineMoves, NurbsMove
 from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.bags.run_data import RunData, StatusRow
@@ -27,6 +28,7 @@ from feedopt_tools.views.signals.scene import scene_of
 from feedopt_tools.views.signals.signals import RunSignals, signals_of
 
 DURATION_S = 2.0
+NO_SOLUTION = Failure(kind=FailureKind.SOLVER, message="no solution")
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +142,7 @@ def test_events_tell_stops_words_faults_and_late_ticks(run: RunData) -> None:
     lateness = np.zeros(len(run.setpoints))
     lateness[500:520] = 0.002
     late_ns = int(run.setpoints.stamp_ns[700])
-    fault = StatusRow(late_ns, "planner", 4, run.program_id, 0, 0, 0.0, 0.0, 0, 0, "no solution")
+    fault = StatusRow(late_ns, "planner", 4, run.program_id, 0, 0, 0.0, 0.0, 0, 0, "", NO_SOLUTION)
     changed = replace(
         run, segments=segments, setpoints=replace(run.setpoints, lateness_s=lateness), statuses=(*run.statuses, fault)
     )
@@ -216,7 +218,7 @@ def test_reserve_is_what_is_committed_ahead_of_the_motion(run: RunData) -> None:
     """A report of the planner at tick 300 that it has committed chunk 3: its end minus 0.3 s."""
     stamp_ns = int(run.setpoints.stamp_ns[np.flatnonzero(run.setpoints.tick == 300)[0]])
     chunk = run.chunks[2]
-    row = StatusRow(stamp_ns, "planner", 2, run.program_id, 0, 3, chunk.s_commit_mm, 0.0, 0, 0, "")
+    row = StatusRow(stamp_ns, "planner", 2, run.program_id, 0, 3, chunk.s_commit_mm, 0.0, 0, 0, "", None)
     reserve = scene_of(replace(run, statuses=(row,))).reserve
     assert reserve is not None
     assert reserve.ahead_s[0] == pytest.approx(chunk.t_commit_s - 0.3, abs=2e-3)

@@ -9,10 +9,9 @@ from typing import Any
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 
-from feedopt_core.errors import ConfigError, FeedoptError
+from feedopt_core.errors import ConfigError, FeedoptError, failure_of
 from feedopt_core.machine.machine_file import load_machine
 from feedopt_msgs.msg import AxisSetpoint, AxisState, NodeStatus
-from feedopt_node.faults import fault_text
 from feedopt_node.graph_node import GraphNode
 from feedopt_node.parameters import MachineNodeParameters, parameter
 from feedopt_node.polling import PollingThread
@@ -85,7 +84,7 @@ class RouterSimNode(GraphNode[RouterSimNodeParameters]):
         except FeedoptError as error:
             self._check.close()
             self.get_logger().error(f"program {setpoint.program_id}: {error}")
-            self.life.report(state=NodeStatus.FAULT, program_id=setpoint.program_id, text=fault_text(error))
+            self.life.fail(failure_of(error), program_id=setpoint.program_id)
             return
         self._sequence += 1
         self._s_mm = setpoint.s_mm

@@ -109,14 +109,12 @@ def _control_bounds(
     needed = np.abs(constant) / allowed
     if np.max(needed) >= 1.0:
         axis = int(np.argmax(np.max(needed, axis=1)))
-        margin = float(np.max(needed))
         raise InfeasibleLimitsError(
-            f"axis {limits.axis_names[axis]} at s = {s_rest_mm:.3f} mm: friction and offset alone need {margin:.3f} "
-            "times the control signal allowed; raise control_limit_volts",
+            "friction and offset alone need more than the control signal allowed; raise control_limit_volts",
             quantity="control",
             axis=limits.axis_names[axis],
             s_mm=s_rest_mm,
-            margin=margin,
+            ratio=float(np.max(needed)),
         )
     terms = (control.viscous_volts_s_mm[:, None] * velocity, control.inertia_volts_s2_mm[:, None] * acceleration)
     return _first_crossing(terms, allowed - constant, allowed + constant) ** 2

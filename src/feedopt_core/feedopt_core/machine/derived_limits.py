@@ -111,12 +111,11 @@ def _within_control(
     friction = abs(drive.offset_volts[axis]) + drive.coulomb_volts[axis]
     if friction >= limit_volts:
         raise InfeasibleLimitsError(
-            f"axis {name}: friction and offset need {friction:g} V of the {limit_volts:g} V allowed; "
-            "raise control_limit_volts",
+            f"friction and offset need {friction:g} V of the {limit_volts:g} V allowed; raise control_limit_volts",
             quantity="control",
             axis=name,
-            s_mm=0.0,
-            margin=friction / limit_volts,
+            s_mm=None,
+            ratio=friction / limit_volts,
         )
     return _shared(limit_volts - friction, drive.viscous_volts_s_mm[axis], drive.inertia_volts_s2_mm[axis], v, a)
 

@@ -128,10 +128,10 @@ def test_velocity_gives_way_where_it_would_leave_no_acceleration() -> None:
 @pytest.mark.parametrize(("offset", "coulomb"), [(0.4, 0.2), (-0.4, 0.2), (0.0, 0.7), (0.6, 0.0)])
 def test_friction_above_the_control_limit_is_infeasible(offset: float, coulomb: float) -> None:
     machine = drive_machine(control_volts=0.5, offset_volts=offset, coulomb_volts=coulomb)
-    with pytest.raises(InfeasibleLimitsError, match="axis X: friction and offset need") as caught:
+    with pytest.raises(InfeasibleLimitsError, match=r"axis X, control at .*: friction and offset need") as caught:
         derived_limits(machine)
     assert (caught.value.quantity, caught.value.axis) == ("control", "X")
-    assert caught.value.margin == pytest.approx((abs(offset) + coulomb) / 0.5)
+    assert caught.value.ratio == pytest.approx((abs(offset) + coulomb) / 0.5)
 
 
 def simulated_stop_mm(v: float, a: float, j: float) -> float:

@@ -211,7 +211,7 @@ def fails(_: WindowPlan) -> WindowPlan:
 
 
 def finds_nothing(_: WindowPlan) -> WindowPlan:
-    raise InfeasibleLimitsError("no motion", quantity="jerk", axis="X", s_mm=1.0, margin=2.0)
+    raise InfeasibleLimitsError("no motion", quantity="jerk", axis="X", s_mm=1.0, ratio=2.0)
 
 
 def too_fast(plan: WindowPlan) -> WindowPlan:

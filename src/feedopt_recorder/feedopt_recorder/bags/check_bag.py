@@ -13,7 +13,6 @@ from feedopt_recorder.bags.read_bag import SETPOINTS, STATES, read_bag
 from feedopt_recorder.bags.run_data import RunData, SampleArrays
 
 _LISTED = 5
-_FAULT = 4  # NodeStatus.FAULT
 
 
 @dataclass(frozen=True)
@@ -79,8 +78,8 @@ def _findings(run: RunData) -> Iterator[Finding]:
     for number in np.setdiff1d(used[used > 0], streams["/feed_profile"]):
         yield Finding("chunk", f"/feed_profile {where}", f"set points were taken from chunk {number}, which is missing")
     for status in run.statuses:
-        if status.program_id == run.program_id and status.state == _FAULT:
-            yield Finding("fault", f"{status.node} {where}", status.text)
+        if status.program_id == run.program_id and status.failure is not None:
+            yield Finding("fault", f"{status.node} {where}", status.said)
             return
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from feedopt_core.units import NS_PER_S
+from feedopt_node.failure_conversions import failure_of_status
 from feedopt_recorder.bags.messages import TopicMessages
 from feedopt_recorder.bags.run_data import SetpointArrays, StateArrays, StatusRow
 
@@ -37,4 +38,5 @@ def status_from_message(message: Any, received_ns: int) -> StatusRow:
         missed_ticks=int(message.missed_ticks),
         starved_chunk_sequence=int(message.starved_chunk_sequence),
         text=str(message.text),
+        failure=failure_of_status(message),
     )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from rosbags.interfaces import Nodetype
 
+from feedopt_msgs.msg import Failure as FailureMessage
 from feedopt_recorder.bags.cdr_layout import TypeDefinitions
 from feedopt_recorder.errors import BagDefinitionError
 
@@ -32,6 +33,11 @@ def _migrate_machine(message: Any) -> None:
     message.axis_map = rows[np.asarray(message.coordinate, dtype=np.intp)].ravel()
 
 
+def _migrate_status(message: Any) -> None:
+    """Before failures were fields, the text of a FAULT said all."""
+    message.failure = FailureMessage()
+
+
 MIGRATIONS: Mapping[tuple[str, frozenset[str], frozenset[str]], Callable[[Any], None]] = {
     (
         "feedopt_msgs/msg/ToolpathSegment",
@@ -44,6 +50,7 @@ MIGRATIONS: Mapping[tuple[str, frozenset[str], frozenset[str]], Callable[[Any], 
         frozenset({"coordinate"}),
         frozenset({"axis_map", "tracking_error_reserve_mm"}),
     ): _migrate_machine,
+    ("feedopt_msgs/msg/NodeStatus", frozenset(), frozenset({"failure"})): _migrate_status,
 }
 """Type, fields that only the bag has, fields that only this version has: what makes one of the other."""
 

@@ -99,7 +99,8 @@ def _statuses(contents: BagContents) -> tuple[Any, ...]:
     if topic is None:
         return ()
     times = topic.log_ns.tolist()
-    return tuple(status_from_message(message, time_ns) for message, time_ns in zip(topic.objects(), times, strict=True))
+    messages = migrated(topic.definitions, topic.type_name, topic.objects())
+    return tuple(status_from_message(message, time_ns) for message, time_ns in zip(messages, times, strict=True))
 
 
 def _no_rows() -> dict[str, Any]:

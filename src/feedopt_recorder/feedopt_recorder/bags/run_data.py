@@ -10,11 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feedopt_core.arrays import FloatArray, IntArray
+from feedopt_core.errors import Failure
 from feedopt_core.geometry.segments import Segment
 from feedopt_core.machine.machine_file import Machine
 from feedopt_core.motion.chunk import Chunk
+from feedopt_msgs.msg import NodeStatus
 
 TICK_S = 0.001
+_STATE_NAMES = {getattr(NodeStatus, name): name for name in ("STARTING", "READY", "RUNNING", "DONE", "FAULT")}
 
 T = TypeVar("T", bound="SampleArrays")
 
@@ -93,7 +96,7 @@ class StateArrays(SampleArrays):
 
 @dataclass(frozen=True)
 class StatusRow:
-    """One report of one node, as in NodeStatus."""
+    """One report of one node, as in NodeStatus; ``failure`` is the cause of a FAULT, None in any other state."""
 
     received_ns: int
     node: str
@@ -106,6 +109,17 @@ class StatusRow:
     missed_ticks: int
     starved_chunk_sequence: int
     text: str
+    failure: Failure | None
+
+    @property
+    def state_name(self) -> str:
+        """Name of the state, as in NodeStatus."""
+        return _STATE_NAMES.get(self.state, f"state {self.state}")
+
+    @property
+    def said(self) -> str:
+        """The cause of a FAULT, or the remark of the node; empty: neither."""
+        return self.text if self.failure is None else str(self.failure)
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ class LazyGroup(click.Group):
             from feedopt_tools.command.exit_codes import exit_code
 
             click.echo(f"feedopt: {error}", err=True)
-            sys.exit(exit_code(error))
+            sys.exit(exit_code(error.kind))
         except ModuleNotFoundError as error:
             from feedopt_tools.command.exit_codes import UNUSABLE_INPUT
             from feedopt_tools.command.extras import missing_extra

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import click
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from feedopt_core.pipeline.read_program import open_program
-from feedopt_tools.command.exit_codes import FAILURE, OK, UNUSABLE_INPUT
+from feedopt_tools.command.exit_codes import FAILURE, OK, exit_code
 from feedopt_tools.command.options import (
     machine_option,
     method_option,
@@ -82,8 +83,8 @@ def execution_exit_code(execution: Execution) -> int:
     """
     if execution.failure is not None:
         raise execution.failure
-    if execution.outcome is not None and execution.outcome.program_refused:
-        return UNUSABLE_INPUT
+    if execution.outcome is not None and execution.outcome.failure is not None:
+        return exit_code(execution.outcome.failure.kind)
     return OK if execution.succeeded else FAILURE
 
 
@@ -92,9 +93,7 @@ def show_execution(console: Console, execution: Execution) -> None:
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     outcome = execution.outcome
     if outcome is not None:
-        table.add_row("result", "done" if outcome.succeeded else f"[red]{outcome.message}[/red]")
-        if outcome.line:
-            table.add_row("place", f"line {outcome.line}, column {outcome.column}")
+        table.add_row("result", "done" if outcome.failure is None else f"[red]{escape(str(outcome.failure))}[/red]")
         table.add_row("motion time", f"{outcome.motion_time_s:.3f} s")
         table.add_row("path", f"{outcome.path_length_mm:.1f} mm in {outcome.segments} segments")
         table.add_row("late ticks", str(execution.missed_ticks))

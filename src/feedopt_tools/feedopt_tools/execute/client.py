@@ -13,8 +13,10 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from feedopt_core.errors import Failure
 from feedopt_msgs.action import ExecuteProgram
 from feedopt_msgs.msg import NodeStatus, ProgramLines
+from feedopt_node.failure_conversions import failure_from_message
 from feedopt_node.graph import load_graph
 from feedopt_node.qos import qos_profile
 from feedopt_node.status import READY_STATES, STATUS_TOPIC
@@ -65,13 +67,10 @@ class Progress:
 
 @dataclass(frozen=True)
 class ProgramOutcome:
-    """Answer of the toolpath node; the fields are those of the action's result."""
+    """Answer of the toolpath node; the fields are those of the action's result. ``failure`` None: it succeeded."""
 
-    outcome: int
-    message: str
+    failure: Failure | None
     program_id: int
-    line: int
-    column: int
     segments: int
     path_length_mm: float
     motion_time_s: float
@@ -79,13 +78,7 @@ class ProgramOutcome:
     @property
     def succeeded(self) -> bool:
         """The program was executed to its end."""
-        return self.outcome == int(ExecuteProgram.Result.SUCCEEDED)
-
-    @property
-    def program_refused(self) -> bool:
-        """The program cannot be read, or no motion within the limits exists for it."""
-        result = ExecuteProgram.Result
-        return self.outcome in (int(result.REJECTED_PROGRAM), int(result.INFEASIBLE))
+        return self.failure is None
 
 
 @dataclass
@@ -173,11 +166,8 @@ class GraphClient:
             on_progress(self._progress)
         result = answer.result().result
         return ProgramOutcome(
-            outcome=result.outcome,
-            message=result.message,
+            failure=failure_from_message(result.failure),
             program_id=result.program_id,
-            line=result.line,
-            column=result.column,
             segments=result.segments,
             path_length_mm=result.path_length_mm,
             motion_time_s=result.motion_time_s,

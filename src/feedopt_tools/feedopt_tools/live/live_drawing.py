@@ -13,12 +13,10 @@ from feedopt_recorder.bags.run_data import SetpointArrays, StateArrays, StatusRo
 from feedopt_tools.views.colours import FEED, axis_colour, feed_colours
 from feedopt_tools.views.rerun.curves import TIME, Curves, Times, along_time, entity
 from feedopt_tools.views.rerun.layout import GROUND
-from feedopt_tools.views.signals.run_events import STATES
 from feedopt_tools.views.signals.signals import speed_pieces, tool_from_axes
 
 _PATH_PIECES = 2000
 _PATH_EVERY_TICKS = 8
-_FAULT = 4
 
 
 class LiveDrawing:
@@ -89,14 +87,13 @@ class LiveDrawing:
 
     def add_status(self, status: StatusRow) -> None:
         """List a change of state at the current motion time."""
-        now = (status.program_id, status.state, status.text)
+        now = (status.program_id, status.state, status.said)
         if self._last_state.get(status.node) == now:
             return
         self._last_state[status.node] = now
-        name = STATES[status.state] if 0 <= status.state < len(STATES) else f"state {status.state}"
         self.recording.set_time(TIME, duration=self._now_s)
-        level = "ERROR" if status.state == _FAULT else "INFO"
-        text = ": ".join(filter(None, (status.node, name, status.text)))
+        level = "INFO" if status.failure is None else "ERROR"
+        text = ": ".join(filter(None, (status.node, status.state_name, status.said)))
         self.recording.log("events", rr.TextLog(text, level=level))
 
     def draw_path(self) -> None:

@@ -69,7 +69,7 @@ def execute_whole(options: RunOptions, stage: Callable[[str], None]) -> Path:
     if execution.failure is not None:
         raise execution.failure
     if not execution.succeeded:
-        message = execution.outcome.message if execution.outcome else "it was interrupted"
+        message = execution.outcome.failure if execution.outcome else "it was interrupted"
         raise ReplayInputError(f"{options.request.name}: was not executed to its end: {message}")
     findings = check_bag(execution.bag)
     if findings:

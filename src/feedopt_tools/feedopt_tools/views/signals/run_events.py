@@ -10,12 +10,9 @@ import numpy as np
 from feedopt_core.arrays import FloatArray
 from feedopt_core.units import NS_PER_S
 from feedopt_recorder.bags.check_bag import check_run
-from feedopt_recorder.bags.run_data import TICK_S, StatusRow
+from feedopt_recorder.bags.run_data import TICK_S
 from feedopt_tools.views.signals.signals import RunSignals
 
-# Same order as the constants of NodeStatus.
-STATES = ("STARTING", "READY", "RUNNING", "DONE", "FAULT")
-_FAULT = 4
 _MANY = 500
 _APART_TICKS = 200
 
@@ -63,7 +60,7 @@ def node_states(signals: RunSignals) -> tuple[NodeState, ...]:
     for status in signals.run.statuses:
         if last.get(status.node) != status.state:
             last[status.node] = status.state
-            states.append(NodeState(status.node, motion_time_of(signals, status.received_ns), _state_name(status)))
+            states.append(NodeState(status.node, motion_time_of(signals, status.received_ns), status.state_name))
     return tuple(states)
 
 
@@ -109,14 +106,14 @@ def _chunk_events(signals: RunSignals) -> Iterator[RunEvent]:
 def _status_events(signals: RunSignals) -> Iterator[RunEvent]:
     last = dict[str, tuple[int, str, int]]()
     for status in signals.run.statuses:
-        now = (status.state, status.text, status.starved_chunk_sequence)
+        now = (status.state, status.said, status.starved_chunk_sequence)
         if last.get(status.node) == now:
             continue
         last[status.node] = now
         t_s = motion_time_of(signals, status.received_ns)
         s_mm = float(np.interp(t_s, signals.t_s, signals.s_mm))
-        text = ": ".join(filter(None, (_state_name(status), status.text)))
-        level = "ERROR" if status.state == _FAULT else "INFO"
+        text = ": ".join(filter(None, (status.state_name, status.said)))
+        level = "INFO" if status.failure is None else "ERROR"
         if status.starved_chunk_sequence:
             level, text = (
                 "WARN",
@@ -140,7 +137,3 @@ def _time_at(signals: RunSignals, s_mm: float) -> float:
     """Motion time at which an arc length is reached."""
     row = min(int(np.searchsorted(signals.s_mm, s_mm)), len(signals.t_s) - 1)
     return float(signals.t_s[row])
-
-
-def _state_name(status: StatusRow) -> str:
-    return STATES[status.state] if 0 <= status.state < len(STATES) else f"state {status.state}"
