@@ -113,12 +113,26 @@ def measure_deviation(
 def deviation_along(
     moves: Iterable[Move], segments: Sequence[Segment], tolerance_mm: float, rapid_tolerance_mm: float | None = None
 ) -> DeviationCurve:
-    """Distance of the segments from the programmed moves along the path; for the arguments see above."""
+    """Deviation along the smoothed path, with the same largest ratio as :func:`measure_deviation`.
+
+    A programmed point counts at the point of the smoothed path that is nearest to it: a corner that is cut off is
+    farther from the smoothed path than any point of that path is from the programmed one. Arguments as above.
+    """
     dimensions = len(segments[0].evaluate(np.zeros(1)).r_mm[0])
     programmed = _programmed_chain(moves, dimensions, tolerance_mm, rapid_tolerance_mm)
     smoothed = _smoothed_chain(segments, float(np.min(programmed.tolerance_mm)))
-    distances, nearest = _follow(smoothed.points_mm, programmed, float(np.max(programmed.tolerance_mm)))
-    return DeviationCurve(smoothed.lengths_mm, distances, programmed.tolerance_mm[nearest])
+    largest_mm = float(np.max(programmed.tolerance_mm))
+    distances, nearest = _follow(smoothed.points_mm, programmed, largest_mm)
+    limits = programmed.tolerance_mm[nearest]
+    back, places = _follow(programmed.points_mm, smoothed, largest_mm)
+    # The programmed point with the largest ratio of each place: in rising order, the last one assigned stays.
+    order = np.argsort(back / programmed.tolerance_mm, kind="stable")
+    worst = np.full(len(distances), -1)
+    worst[places[order]] = order
+    at = np.flatnonzero(worst >= 0)
+    at = at[back[worst[at]] * limits[at] > distances[at] * programmed.tolerance_mm[worst[at]]]
+    distances[at], limits[at] = back[worst[at]], programmed.tolerance_mm[worst[at]]
+    return DeviationCurve(smoothed.lengths_mm, distances, limits)
 
 
 def _follow(points_mm: FloatArray, chain: _Chain, tolerance_mm: float) -> tuple[FloatArray, IntArray]:

@@ -133,7 +133,7 @@ def test_zero_length_moves_have_no_direction() -> None:
 
 
 def test_deviation_along_the_path_agrees_with_its_worst_place(tmp_path: Path) -> None:
-    """At a corner of 90 degrees the curve is furthest from the corner point; from the sides it is nearer by sqrt 2."""
+    """At a corner of 90 degrees the corner point is farthest from the curve, and the curve shows it there."""
     text = "G21 G90 F600\nG1 X20\nY20\nM2\n"
     survey = survey_program(written(tmp_path, "corner.ngc", text), tolerance_mm=0.05)
     along = deviation_along(survey.moves, survey.segments, 0.05)
@@ -141,7 +141,10 @@ def test_deviation_along_the_path_agrees_with_its_worst_place(tmp_path: Path) ->
     assert np.all(np.diff(along.s_mm) >= 0.0)
     assert along.s_mm[-1] == pytest.approx(survey_figures(survey).length_mm, rel=1e-6)
     assert worst.worst_mm == pytest.approx(0.05, rel=1e-2)
-    assert np.max(along.deviation_mm) == pytest.approx(worst.worst_mm / math.sqrt(2.0), rel=1e-3)
+    assert np.max(along.deviation_mm) == worst.worst_mm
+    # Beside the corner the curve is nearer to the lines than the corner is to the curve, by sqrt 2 on the diagonal.
+    others = np.sort(along.deviation_mm)[:-1]
+    assert np.max(others) == pytest.approx(worst.worst_mm / math.sqrt(2.0), rel=1e-3)
     assert np.all(along.tolerance_mm == 0.05)
     corner_s_mm = along.s_mm[int(np.argmax(along.deviation_mm))]
     assert corner_s_mm == pytest.approx(20.0, abs=0.1)
