@@ -17,8 +17,7 @@ from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.bags.run_data import RunData, StatusRow
 from feedopt_tools.errors import ViewError
 from feedopt_tools.views.matplotlib.style import thinned
-from feedopt_tools.views.pages import CONTOUR, PAGES, PLANNER, page_named
-from feedopt_tools.views.rerun.layout import pages_of
+from feedopt_tools.views.pages import CONTOUR, PAGES, PLANNER, page_named, pages_of
 from feedopt_tools.views.signals.comparison import compare, comparison_markdown
 from feedopt_tools.views.signals.contour import contour_of
 from feedopt_tools.views.signals.limit_use import NONE, limit_use_of

@@ -20,8 +20,17 @@ from feedopt_tools.execute.judgement import Judgement, judge_run
 from feedopt_tools.report import html_parts as html
 from feedopt_tools.views.matplotlib.picture import figure_of
 from feedopt_tools.views.matplotlib.style import STYLE, png_of
-from feedopt_tools.views.pages import ACTIVE_LIMIT, AXIS_LIMITS, CONTOUR, EVENTS, MOTION, PLANNER, TRACKING, Page
-from feedopt_tools.views.rerun.layout import pages_of
+from feedopt_tools.views.pages import (
+    ACTIVE_LIMIT,
+    AXIS_LIMITS,
+    CONTOUR,
+    EVENTS,
+    MOTION,
+    PLANNER,
+    TRACKING,
+    Page,
+    pages_of,
+)
 from feedopt_tools.views.signals.limit_use import path_weight_mm
 from feedopt_tools.views.signals.scene import RunScene
 

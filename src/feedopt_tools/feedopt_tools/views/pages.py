@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from feedopt_tools.errors import ViewError
+
+if TYPE_CHECKING:
+    from feedopt_tools.views.signals.scene import RunScene
 
 OVER = ("time", "arc-length")
 
@@ -33,6 +37,8 @@ TRACKING = Page("tracking", "Tracking", "error")
 CONTOUR = Page("contour", "Contour", "contour", "arc-length")
 PLANNER = Page("planner", "Planner", "feed")
 EVENTS = Page("events", "Events", "control")
+AXIS_QUANTITIES = ("velocity", "acceleration", "jerk")
+TRACKING_QUANTITIES = ("velocity", "tracking_error", "control_signal")
 PAGES = (MOTION, ACTIVE_LIMIT, AXIS_LIMITS, TRACKING, CONTOUR, PLANNER, EVENTS)
 
 
@@ -42,3 +48,18 @@ def page_named(key: str) -> Page:
         if page.key == key:
             return page
     raise ViewError(f"there is no page {key!r}; there are: {', '.join(page.key for page in PAGES)}")
+
+
+def pages_of(scene: RunScene) -> tuple[Page, ...]:
+    """The pages for which a run holds data, in the order of :data:`PAGES`."""
+    quantities = scene.signals.quantities
+    shown = {
+        MOTION: True,
+        ACTIVE_LIMIT: bool(scene.limit_use.limits),
+        AXIS_LIMITS: True,
+        TRACKING: quantities["tracking_error"].drawn or quantities["control_signal"].drawn,
+        CONTOUR: scene.contour is not None,
+        PLANNER: bool(scene.signals.run.chunks),
+        EVENTS: True,
+    }
+    return tuple(page for page in PAGES if shown[page])

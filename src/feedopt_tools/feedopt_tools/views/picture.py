@@ -12,9 +12,8 @@ from feedopt_tools.errors import ViewError
 from feedopt_tools.views.matplotlib.comparison import draw_comparison_by_matplotlib
 from feedopt_tools.views.matplotlib.picture import draw_by_matplotlib
 from feedopt_tools.views.matplotlib.survey import draw_survey_by_matplotlib
-from feedopt_tools.views.pages import MOTION, Page
+from feedopt_tools.views.pages import MOTION, Page, pages_of
 from feedopt_tools.views.rerun.comparison_recording import save_comparison
-from feedopt_tools.views.rerun.layout import pages_of
 from feedopt_tools.views.rerun.picture import Cursor, ViewFailure, draw_by_rerun
 from feedopt_tools.views.rerun.recording import save_scene
 from feedopt_tools.views.rerun.survey_recording import OVER, save_survey

@@ -17,8 +17,8 @@ from feedopt_tools.views.matplotlib.style import (
     path_axes,
     write_figure,
 )
-from feedopt_tools.views.rerun.paths import path_colourings
 from feedopt_tools.views.signals.comparison import Comparison, Overlay
+from feedopt_tools.views.signals.path_colours import path_colourings
 
 _KEYS = ("feed", "use", "tracking_error")
 

@@ -23,8 +23,19 @@ from feedopt_tools.views.matplotlib.style import (
     run_title,
     write_figure,
 )
-from feedopt_tools.views.pages import ACTIVE_LIMIT, AXIS_LIMITS, CONTOUR, EVENTS, MOTION, PLANNER, TRACKING, Page
-from feedopt_tools.views.rerun.paths import path_colourings
+from feedopt_tools.views.pages import (
+    ACTIVE_LIMIT,
+    AXIS_LIMITS,
+    AXIS_QUANTITIES,
+    CONTOUR,
+    EVENTS,
+    MOTION,
+    PLANNER,
+    TRACKING,
+    TRACKING_QUANTITIES,
+    Page,
+)
+from feedopt_tools.views.signals.path_colours import path_colourings
 from feedopt_tools.views.signals.scene import RunScene
 from feedopt_tools.views.signals.signals import Quantity, RunSignals
 
@@ -46,8 +57,8 @@ def figure_of(scene: RunScene, page: Page) -> Figure:
     pages: dict[Page, Callable[[RunScene], Figure]] = {
         MOTION: _motion_page,
         ACTIVE_LIMIT: active_limit_page,
-        AXIS_LIMITS: lambda shown: _rows_page(shown, "use", ("velocity", "acceleration", "jerk")),
-        TRACKING: lambda shown: _rows_page(shown, "error", ("velocity", "tracking_error", "control_signal")),
+        AXIS_LIMITS: lambda shown: _rows_page(shown, "use", AXIS_QUANTITIES),
+        TRACKING: lambda shown: _rows_page(shown, "error", TRACKING_QUANTITIES),
         CONTOUR: contour_page,
         PLANNER: planner_page,
         EVENTS: events_page,
@@ -59,16 +70,17 @@ def _motion_page(scene: RunScene) -> Figure:
     """Coloured toolpath, feed over time and arc length, tracking error, control signal."""
     signals = scene.signals
     figure = page_figure(run_title(signals))
-    grid = figure.add_gridspec(6, 2, width_ratios=[1.0, 1.15])
-    _coloured_path(figure, figure.add_subplot(grid[:4, 0]), scene, "feed")
-    _feed_over_arc_length(figure.add_subplot(grid[4:, 0]), signals)
-    rows = [signals.quantities["tracking_error"], signals.quantities["control_signal"]]
-    if all(row.measured is None and row.commanded is None for row in rows):
-        rows = [signals.quantities["acceleration"], signals.quantities["jerk"]]
-    first = figure.add_subplot(grid[:2, 1])
+    columns = figure.add_gridspec(1, 2, width_ratios=[1.0, 1.15])
+    left, right = columns[0].subgridspec(6, 1), columns[1].subgridspec(6, 1)
+    _coloured_path(figure, figure.add_subplot(left[:4]), scene, "feed")
+    _feed_over_arc_length(figure.add_subplot(left[4:]), signals)
+    rows = [signals.quantities[key] for key in ("tracking_error", "control_signal") if signals.quantities[key].drawn]
+    rows = rows or [signals.quantities["acceleration"], signals.quantities["jerk"]]
+    height = 6 // (1 + len(rows))
+    first = figure.add_subplot(right[:height])
     _feed_over_time(first, signals)
     for place, quantity in enumerate(rows, start=1):
-        axes = figure.add_subplot(grid[2 * place : 2 * place + 2, 1], sharex=first)
+        axes = figure.add_subplot(right[height * place : height * (place + 1)], sharex=first)
         _quantity(axes, signals, quantity)
     axes.set_xlabel("motion time, s")
     return figure
@@ -78,11 +90,12 @@ def _rows_page(scene: RunScene, path_key: str, keys: tuple[str, ...]) -> Figure:
     """A coloured path, and quantities of the axes over time."""
     signals = scene.signals
     figure = page_figure(run_title(signals))
-    grid = figure.add_gridspec(len(keys), 2, width_ratios=[1.0, 1.15])
+    rows = [signals.quantities[key] for key in keys if signals.quantities[key].drawn]
+    grid = figure.add_gridspec(len(rows), 2, width_ratios=[1.0, 1.15])
     _coloured_path(figure, figure.add_subplot(grid[:, 0]), scene, path_key)
-    for place, key in enumerate(keys):
+    for place, quantity in enumerate(rows):
         axes = figure.add_subplot(grid[place, 1])
-        _quantity(axes, signals, signals.quantities[key])
+        _quantity(axes, signals, quantity)
     axes.set_xlabel("motion time, s")
     return figure
 

@@ -27,8 +27,8 @@ from feedopt_tools.views.matplotlib.style import (
     run_title,
     seen_from_above,
 )
-from feedopt_tools.views.rerun.paths import contour_strips, path_colourings
 from feedopt_tools.views.signals.limit_use import NONE, path_weight_mm
+from feedopt_tools.views.signals.path_colours import contour_strips, path_colourings
 from feedopt_tools.views.signals.run_events import program_lines
 from feedopt_tools.views.signals.scene import RunScene
 

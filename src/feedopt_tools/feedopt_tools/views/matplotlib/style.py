@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from feedopt_core.arrays import FloatArray
 from feedopt_tools.views.colours import LIMIT, PATH, unit_colour
-from feedopt_tools.views.rerun.picture import small_png
 from feedopt_tools.views.signals.scene import RunScene
 from feedopt_tools.views.signals.signals import RunSignals
+from feedopt_tools.views.small_png import small_png
 
 WIDTH, HEIGHT = 1600, 900
 _DPI = 100

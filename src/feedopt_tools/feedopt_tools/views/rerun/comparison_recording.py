@@ -11,9 +11,10 @@ import rerun.blueprint as rrb
 from feedopt_tools.views.colours import FEED, axis_colour
 from feedopt_tools.views.rerun.curves import Curves, along_path, along_time, entity, times
 from feedopt_tools.views.rerun.layout import blueprint, eye_over, path_view, x_axis
-from feedopt_tools.views.rerun.paths import draw_tool, path_colourings
+from feedopt_tools.views.rerun.paths import draw_tool
 from feedopt_tools.views.rerun.recording import write_recording
 from feedopt_tools.views.signals.comparison import ComparedCurve, Comparison, Overlay, comparison_markdown
+from feedopt_tools.views.signals.path_colours import path_colourings
 
 _FIRST, _SECOND = axis_colour(0), axis_colour(2)
 _SHOWN_PATHS = ("feed", "limit")

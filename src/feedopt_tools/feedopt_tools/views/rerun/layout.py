@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,16 +12,18 @@ from feedopt_core.arrays import FloatArray
 from feedopt_tools.views.pages import (
     ACTIVE_LIMIT,
     AXIS_LIMITS,
+    AXIS_QUANTITIES,
     CONTOUR,
     EVENTS,
     MOTION,
-    PAGES,
     PLANNER,
     TRACKING,
+    TRACKING_QUANTITIES,
     Page,
+    pages_of,
 )
 from feedopt_tools.views.rerun.curves import ARC_LENGTH, TIME, entity
-from feedopt_tools.views.rerun.paths import path_colourings
+from feedopt_tools.views.signals.path_colours import path_colourings
 from feedopt_tools.views.signals.scene import RunScene
 from feedopt_tools.views.signals.signals import Quantity
 
@@ -65,12 +68,6 @@ def blueprint(root: rrb.Container, over: str) -> rrb.Blueprint:
     )
 
 
-def pages_of(scene: RunScene) -> tuple[Page, ...]:
-    """The pages that this run has something for."""
-    there = _Pages(scene, "time").all()
-    return tuple(page for page in PAGES if page in there)
-
-
 def _paths(scene: RunScene) -> dict[str, rrb.Spatial3DView]:
     eye = eye_over(scene.signals.tool_mm)
     views = {
@@ -100,19 +97,16 @@ class _Pages:
 
     def all(self) -> dict[Page, rrb.Container]:
         """Every page that this run has something for."""
-        scene, signals = self.scene, self.signals
-        pages: dict[Page, rrb.Container] = {MOTION: self._motion()}
-        if scene.limit_use.limits:
-            pages[ACTIVE_LIMIT] = self._active_limit()
-        pages[AXIS_LIMITS] = self._rows(AXIS_LIMITS, ("velocity", "acceleration", "jerk"))
-        if any(_drawn(signals.quantities[key]) for key in ("tracking_error", "control_signal")):
-            pages[TRACKING] = self._rows(TRACKING, ("velocity", "tracking_error", "control_signal"))
-        if scene.contour is not None:
-            pages[CONTOUR] = self._contour()
-        if signals.run.chunks:
-            pages[PLANNER] = self._planner()
-        pages[EVENTS] = self._events()
-        return pages
+        makers: dict[Page, Callable[[], rrb.Container]] = {
+            MOTION: self._motion,
+            ACTIVE_LIMIT: self._active_limit,
+            AXIS_LIMITS: lambda: self._rows(AXIS_LIMITS, AXIS_QUANTITIES),
+            TRACKING: lambda: self._rows(TRACKING, TRACKING_QUANTITIES),
+            CONTOUR: self._contour,
+            PLANNER: self._planner,
+            EVENTS: self._events,
+        }
+        return {page: makers[page]() for page in pages_of(self.scene)}
 
     def _plot(self, origin: str, name: str, legend: rrb.Corner2D | None = None, **more: Any) -> rrb.TimeSeriesView:
         shown = rrb.PlotLegend(visible=False) if legend is None else rrb.PlotLegend(legend)
@@ -120,7 +114,7 @@ class _Pages:
 
     def _motion(self) -> rrb.Vertical:
         error, control = (self.signals.quantities[key] for key in ("tracking_error", "control_signal"))
-        rows = [self._axis_views(quantity) for quantity in (error, control) if _drawn(quantity)]
+        rows = [self._axis_views(quantity) for quantity in (error, control) if quantity.drawn]
         # Told in the title: a legend would cover what it explains.
         compared = any(row.commanded is not None and row.measured is not None for row in (error, control))
         name = f"{MOTION.title} (white: predicted)" if compared else MOTION.title
@@ -153,7 +147,7 @@ class _Pages:
 
     def _rows(self, page: Page, keys: tuple[str, ...]) -> rrb.Vertical:
         quantities = [self.signals.quantities[key] for key in keys]
-        return rrb.Vertical(*(self._axis_views(row) for row in quantities if _drawn(row)), name=page.title)
+        return rrb.Vertical(*(self._axis_views(row) for row in quantities if row.drawn), name=page.title)
 
     def _contour(self) -> rrb.Vertical:
         side = ", above zero to the left of travel" if np.ptp(self.signals.tool_mm[:, 2]) == 0.0 else ""
@@ -161,7 +155,7 @@ class _Pages:
         return rrb.Vertical(
             self._plot("contour_error", f"Contour error, µm{side}"),
             self._plot("lag", "Lag along the path, µm"),
-            *([self._axis_views(error)] if _drawn(error) else []),
+            *([self._axis_views(error)] if error.drawn else []),
             name=CONTOUR.title,
         )
 
@@ -206,10 +200,6 @@ def x_axis(over: str, end_mm: float) -> rrb.TimeAxis | None:
         return None
     boundary = rrb.TimeRangeBoundary.absolute
     return rrb.TimeAxis(view_range=rrb.TimeRange(start=boundary(seq=0), end=boundary(seq=round(1e3 * end_mm))))
-
-
-def _drawn(quantity: Quantity) -> bool:
-    return quantity.commanded is not None or quantity.measured is not None
 
 
 def _top(quantity: Quantity, axis: int) -> float:

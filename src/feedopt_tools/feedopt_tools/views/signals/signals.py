@@ -33,6 +33,11 @@ class Quantity:
     limit: tuple[float, ...] | None
     planned_limit: tuple[float, ...] | None
 
+    @property
+    def drawn(self) -> bool:
+        """There are values to draw."""
+        return self.commanded is not None or self.measured is not None
+
     def limit_of(self, axis: int) -> float:
         """Limit of an axis; infinity without one."""
         return float("inf") if self.limit is None else self.limit[axis]
