@@ -1,10 +1,14 @@
-"""Where the configuration stands: installed share folder, or the source tree."""
+"""Configuration files: where they stand (installed share folder, or the source tree), and what YAML they hold."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from feedopt_core.errors import ConfigError
 
@@ -54,3 +58,45 @@ def find_config(folder: str, name_or_path: str, suffix: str = ".yaml") -> Path:
     if (name := name_or_path.removesuffix(suffix)) in known:
         return known[name]
     raise ConfigError(f"{name_or_path}: neither a file nor one of the names in {folder}: {', '.join(known)}")
+
+
+def read_text(path: Path) -> str:
+    """Text of a file. Raises ConfigError."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+
+
+def parse_yaml(text: str, source: str) -> Any:
+    """What a YAML document holds; ``source`` names it in errors. Raises ConfigError."""
+    try:
+        return yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        # A date that is none is a ValueError, brackets without end are a RecursionError.
+        raise ConfigError(f"{source}: not valid YAML: {error}") from error
+
+
+def find_section(document: Any, keys: tuple[str, ...], source: str, remark: str = "") -> Any:
+    """What stands under nested keys of a YAML document. Raises ConfigError, with a remark on what to do."""
+    for key in keys:
+        if not isinstance(document, Mapping) or key not in document:
+            raise ConfigError(f"{source}: has no section '{': '.join(keys)}:'{remark}")
+        document = document[key]
+    return document
+
+
+def ros_parameters(document: Any, node: str, source: str) -> dict[str, Any]:
+    """What a ROS parameter file gives a node: section ``/**``, and the node's own over it.
+
+    Raises:
+        ConfigError: the document is of another form.
+    """
+    values: dict[str, Any] = {}
+    for section in ("/**", node):
+        entry = (document or {}).get(section, {}) if isinstance(document, Mapping | None) else None
+        given = entry.get("ros__parameters", {}) if isinstance(entry, Mapping) else None
+        if not isinstance(given, Mapping):
+            raise ConfigError(f"{source}: must be sections of the form '{section}: ros__parameters: name: value'")
+        values.update(given)
+    return values

@@ -10,6 +10,7 @@ from typing import Any
 from feedopt_core.errors import Failure, FeedoptError, failure_of
 from feedopt_core.machine.machine_file import load_machine
 from feedopt_core.motion.setpoints import InterpolatorParameters
+from feedopt_core.schema import parameter
 from feedopt_interpolator.conversions import diagnostics
 from feedopt_interpolator.program_motion import ProgramMotion
 from feedopt_interpolator.real_time import request_real_time_priority
@@ -18,7 +19,7 @@ from feedopt_msgs.msg import FeedProfileChunk, NodeStatus, ToolpathSegment
 from feedopt_node.conversions import chunk_from_message, segment_from_message
 from feedopt_node.errors import SequenceGapError
 from feedopt_node.graph_node import GraphNode
-from feedopt_node.parameters import MachineNodeParameters, parameter
+from feedopt_node.parameters import MachineNodeParameters
 from feedopt_node.run import run_node
 from feedopt_node.sequence import SequenceCheck
 
@@ -33,10 +34,14 @@ class InterpolatorNodeParameters(MachineNodeParameters, InterpolatorParameters):
         "Motion that must be committed before it starts, unless the program is shorter.",
         default=1.0,
         unit="s",
-        range=(0.0, 1.0),
+        at_least=0.0,
+        at_most=1.0,
     )
     real_time_priority: int = parameter(
-        "SCHED_FIFO priority of the tick thread, tried and done without where it is refused.", default=50, range=(2, 99)
+        "SCHED_FIFO priority of the tick thread, tried and done without where it is refused.",
+        default=50,
+        at_least=2,
+        at_most=99,
     )
 
 

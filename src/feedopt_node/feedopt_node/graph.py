@@ -9,26 +9,24 @@ from typing import Any, TypeAlias
 
 import yaml
 
-from feedopt_core.config_files import config_directory
+from feedopt_core.config_files import config_directory, parse_yaml, read_text, ros_parameters
 from feedopt_core.errors import ConfigError
+from feedopt_core.schema import build, parameter
 
 ParameterValue: TypeAlias = bool | int | float | str | tuple[str, ...]
 
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of every node: linear algebra in one thread, for equal results and for the other nodes' sake."""
 
-_RELIABILITIES = ("reliable", "best_effort")
-_DURABILITIES = ("volatile", "transient_local")
-
 
 @dataclass(frozen=True)
 class Qos:
     """Quality of service of a topic, by the names ``graph.yaml`` uses."""
 
-    name: str
-    reliability: str
-    durability: str
-    depth: int
+    name: str = parameter("Name of the quality of service.", entry_name=True)
+    reliability: str = parameter("Whether lost messages are sent again.", choices=("reliable", "best_effort"))
+    durability: str = parameter("Whether late joiners get a message.", choices=("volatile", "transient_local"))
+    depth: int = parameter("Messages kept for a slow reader.", at_least=1)
 
 
 @dataclass(frozen=True)
@@ -46,20 +44,20 @@ class Topic:
 class Action:
     """One action and the node that serves it."""
 
-    name: str
-    type: str
-    server: str
+    name: str = parameter("Name of the action.", entry_name=True)
+    type: str = parameter("Action type, such as feedopt_msgs/action/ExecuteProgram.")
+    server: str = parameter("Node that serves it.")
 
 
 @dataclass(frozen=True)
 class NodeEntry:
     """One node: the executable that starts it, its parameter file below ``config/``, whether it takes a machine."""
 
-    name: str
-    package: str
-    executable: str
-    parameters: str
-    machine: bool
+    name: str = parameter("Name of the node.", entry_name=True)
+    package: str = parameter("Package with its executable.")
+    executable: str = parameter("Executable that starts it.")
+    parameters: str = parameter("Parameter file below config/.")
+    machine: bool = parameter("Whether it takes a machine.", default=False)
 
 
 @dataclass(frozen=True)
@@ -77,11 +75,13 @@ class NodeProcess:
         return {key: list(value) if isinstance(value, tuple) else value for key, value in self.parameters.items()}
 
     def parameters_yaml(self) -> str:
-        """What the node is started with, as one parameter file: its own file with the further parameters over it."""
-        document = yaml.safe_load(self.parameter_file.read_text(encoding="utf-8")) or {}
-        values: dict[str, Any] = {}
-        for section in ("/**", self.name):
-            values.update((document.get(section) or {}).get("ros__parameters") or {})
+        """What the node is started with, as one parameter file: its own file with the further parameters over it.
+
+        Raises:
+            ConfigError: the parameter file cannot be read.
+        """
+        source = str(self.parameter_file)
+        values = ros_parameters(parse_yaml(read_text(self.parameter_file), source), self.name, source)
         values.update(self.ros_parameters())
         return yaml.safe_dump({self.name: {"ros__parameters": values}}, sort_keys=False)
 
@@ -169,47 +169,47 @@ def load_graph(path: Path | None = None) -> Graph:
     """Read the graph; without a path, the installed ``graph.yaml``.
 
     Raises:
-        ConfigError: not readable, or an entry that names an unknown node or quality of service.
+        ConfigError: not readable, a key that is unknown, missing or impossible, or an entry that names an unknown node
+            or quality of service.
     """
     path = path or config_directory() / "graph.yaml"
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from error
-    try:
-        return _parse(document, str(path))
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ConfigError(f"{path}: an entry is missing or not a mapping: {error!r}") from error
-
-
-def _parse(document: Any, source: str) -> Graph:
-    nodes = {
-        name: NodeEntry(name, entry["package"], entry["executable"], entry["parameters"], entry.get("machine", False))
-        for name, entry in document["nodes"].items()
+    source = str(path)
+    file = build(_GraphFile, parse_yaml(read_text(path), source), source)
+    topics = {
+        name: Topic(name, entry.type, entry.publishers, entry.subscribers, file.qos[entry.qos])
+        for name, entry in file.topics.items()
     }
-    qualities = {name: _qos(name, entry, source) for name, entry in document["qos"].items()}
-    topics = {}
-    for name, entry in document["topics"].items():
-        if entry["qos"] not in qualities:
-            raise ConfigError(f"{source}: topic {name} names the unknown qos {entry['qos']}")
-        topics[name] = Topic(name, entry["type"], tuple(entry["from"]), tuple(entry["to"]), qualities[entry["qos"]])
-        for node in (*topics[name].publishers, *topics[name].subscribers):
-            if node not in nodes:
-                raise ConfigError(f"{source}: topic {name} names the unknown node {node}")
-    actions = {name: Action(name, entry["type"], entry["server"]) for name, entry in document["actions"].items()}
-    for action in actions.values():
-        if action.server not in nodes:
-            raise ConfigError(f"{source}: action {action.name} names the unknown node {action.server}")
-    return Graph(topics, actions, nodes)
+    return Graph(topics, file.actions, file.nodes)
 
 
-def _qos(name: str, entry: Mapping[str, Any], source: str) -> Qos:
-    qos = Qos(name, entry["reliability"], entry["durability"], entry["depth"])
-    if qos.reliability not in _RELIABILITIES or qos.durability not in _DURABILITIES:
-        raise ConfigError(
-            f"{source}: qos {name}: reliability must be one of {', '.join(_RELIABILITIES)}, "
-            f"durability one of {', '.join(_DURABILITIES)}"
-        )
-    if not isinstance(qos.depth, int) or qos.depth < 1:
-        raise ConfigError(f"{source}: qos {name}: depth is {qos.depth!r}, must be a whole number from 1")
-    return qos
+@dataclass(frozen=True)
+class _TopicEntry:
+    """A topic as the file has it, with its quality of service by name."""
+
+    type: str = parameter("Message type, such as feedopt_msgs/msg/AxisState.")
+    publishers: tuple[str, ...] = parameter("Nodes that publish it.", key="from")
+    subscribers: tuple[str, ...] = parameter("Nodes that subscribe to it.", key="to")
+    qos: str = parameter("Name of its quality of service.")
+
+
+@dataclass(frozen=True)
+class _GraphFile:
+    """What ``graph.yaml`` holds."""
+
+    qos: Mapping[str, Qos] = parameter("Qualities of service by name.")
+    topics: Mapping[str, _TopicEntry] = parameter("Topics by name.")
+    actions: Mapping[str, Action] = parameter("Actions by name.")
+    nodes: Mapping[str, NodeEntry] = parameter("Nodes by name.")
+
+    def __post_init__(self) -> None:
+        for name, topic in self.topics.items():
+            if topic.qos not in self.qos:
+                raise ConfigError(f"topic {name} names the unknown qos {topic.qos}; known are {', '.join(self.qos)}")
+            for node in (*topic.publishers, *topic.subscribers):
+                self._refuse_unknown_node(f"topic {name}", node)
+        for action in self.actions.values():
+            self._refuse_unknown_node(f"action {action.name}", action.server)
+
+    def _refuse_unknown_node(self, place: str, node: str) -> None:
+        if node not in self.nodes:
+            raise ConfigError(f"{place} names the unknown node {node}; known are {', '.join(self.nodes)}")

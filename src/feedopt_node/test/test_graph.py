@@ -82,9 +82,19 @@ GOOD = {
         ({"topics": {"/t": {**GOOD["topics"]["/t"], "qos": "none"}}}, "unknown qos none"),
         ({"topics": {"/t": {**GOOD["topics"]["/t"], "to": ["b"]}}}, "unknown node b"),
         ({"actions": {"/x": {"type": "p/action/X", "server": "b"}}}, "unknown node b"),
-        ({"qos": {"q": {"reliability": "sure", "durability": "volatile", "depth": 1}}}, "reliability must be"),
-        ({"qos": {"q": {"reliability": "reliable", "durability": "volatile", "depth": 0}}}, "depth is 0"),
-        ({"nodes": {"a": {"package": "p"}}}, "missing"),
+        (
+            {"qos": {"q": {"reliability": "sure", "durability": "volatile", "depth": 1}}},
+            "qos.q.reliability is 'sure'",
+        ),
+        (
+            {"qos": {"q": {"reliability": "reliable", "durability": "volatile", "depth": 0}}},
+            "q.depth is 0, must be at least 1",
+        ),
+        ({"nodes": {"a": {"package": "p"}}}, "nodes.a.executable, nodes.a.parameters are missing"),
+        ({"nodes": {"a": {**GOOD["nodes"]["a"], "machin": True}}}, "unknown key nodes.a.machin; did you mean machine"),
+        ({"topics": {"/t": {**GOOD["topics"]["/t"], "from": "a"}}}, "topics./t.from is 'a', must be a list"),
+        ({"topics": {"/t": {**GOOD["topics"]["/t"], "from": [1]}}}, r"topics./t.from\[0\] is 1, must be text"),
+        ({"actions": None}, "actions is None, must be a mapping"),
     ],
 )
 def test_a_bad_file_is_refused_with_the_reason(tmp_path: Path, change: dict[str, object], message: str) -> None:

@@ -12,13 +12,12 @@ import rclpy
 from rclpy.parameter import Parameter
 
 from feedopt_core.errors import ConfigError
+from feedopt_core.schema import build, parameter
 from feedopt_node.parameters import (
     GraphParameters,
     MachineNodeParameters,
     declare_parameters,
     load_parameters,
-    parameter,
-    parameters_from_mapping,
 )
 
 
@@ -26,8 +25,8 @@ from feedopt_node.parameters import (
 class Sample(MachineNodeParameters):
     """A node's parameters."""
 
-    window_mm: float = parameter("Length.", default=2.0, unit="mm", range=(0.5, 10.0))
-    count: int = parameter("Count.", default=3, range=(1, None))
+    window_mm: float = parameter("Length.", default=2.0, unit="mm", at_least=0.5, at_most=10.0)
+    count: int = parameter("Count.", default=3, at_least=1)
     method: str = parameter("Method.", default="lp", choices=("lp", "nlp"))
     verbose: bool = parameter("Talk.", default=False)
     tags: tuple[str, ...] = parameter("Tags.", default=())
@@ -35,41 +34,41 @@ class Sample(MachineNodeParameters):
 
 GIVEN = {"machine": "m", "window_mm": 4.0, "count": 7, "method": "nlp", "verbose": True, "tags": ["a", "b"]}
 BAD = [
-    ({"machine": "m", "speed": 1.0}, "unknown parameter speed"),
-    ({}, "machine is missing"),
+    ({"machine": "m", "speed": 1.0}, "unknown key speed; known are present_nodes, machine"),
+    ({}, "machine is missing: Machine file, or its name"),
     ({"machine": "m", "window_mm": 0.1}, "window_mm is 0.1 mm, must be at least 0.5 mm"),
-    ({"machine": "m", "window_mm": 11.0}, "must be at most 10.0 mm"),
+    ({"machine": "m", "window_mm": 11.0}, "must be at most 10 mm"),
     ({"machine": "m", "window_mm": "1e-3"}, "write 1.0e-3"),
     ({"machine": "m", "count": 0}, "count is 0, must be at least 1"),
-    ({"machine": "m", "count": 1.5}, "count is 1.5, must be of type int"),
-    ({"machine": "m", "count": True}, "count is True"),
+    ({"machine": "m", "count": 1.5}, "count is 1.5, must be a whole number"),
+    ({"machine": "m", "count": True}, "count is True, must be a whole number"),
     ({"machine": "m", "method": "magic"}, "must be one of lp, nlp"),
-    ({"machine": "m", "verbose": 1}, "verbose is 1"),
+    ({"machine": "m", "verbose": 1}, "verbose is 1, must be true or false"),
     ({"machine": "m", "tags": "a"}, "must be a list"),
-    ({"machine": 3}, "must be of type str"),
+    ({"machine": 3}, "machine is 3, must be text"),
 ]
 
 
 def test_values_and_defaults() -> None:
-    assert parameters_from_mapping(Sample, GIVEN, "x") == Sample(
+    assert build(Sample, GIVEN, "x") == Sample(
         machine="m", window_mm=4.0, count=7, method="nlp", verbose=True, tags=("a", "b")
     )
-    assert parameters_from_mapping(Sample, {"machine": "m"}, "x") == Sample(machine="m")
+    assert build(Sample, {"machine": "m"}, "x") == Sample(machine="m")
 
 
 def test_a_whole_number_is_a_float_too() -> None:
-    assert parameters_from_mapping(Sample, {"machine": "m", "window_mm": 3}, "x").window_mm == 3.0
+    assert build(Sample, {"machine": "m", "window_mm": 3}, "x").window_mm == 3.0
 
 
 @pytest.mark.parametrize(("values", "message"), BAD)
 def test_bad_values_are_refused_by_name(values: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        parameters_from_mapping(Sample, values, "here")
+        build(Sample, values, "here")
 
 
 def test_not_finite_is_refused() -> None:
     with pytest.raises(ConfigError, match="finite"):
-        parameters_from_mapping(Sample, {"machine": "m", "window_mm": float("nan")}, "x")
+        build(Sample, {"machine": "m", "window_mm": float("nan")}, "x")
 
 
 def test_the_node_section_wins_over_the_common_one(tmp_path: Path) -> None:
@@ -79,7 +78,7 @@ def test_the_node_section_wins_over_the_common_one(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     assert load_parameters(Sample, path, "node", beside=("other",)) == Sample(machine="all", count=5)
-    with pytest.raises(ConfigError, match="unknown parameter other"):
+    with pytest.raises(ConfigError, match="unknown key other"):
         load_parameters(Sample, path, "node")
 
 
@@ -111,7 +110,7 @@ def declared(context: rclpy.Context, cls: type[Any], values: dict[str, Any]) -> 
 
 def test_ros_gives_the_same_parameters(context: rclpy.Context) -> None:
     parameters, node = declared(context, Sample, GIVEN)
-    assert parameters == parameters_from_mapping(Sample, GIVEN, "x")
+    assert parameters == build(Sample, GIVEN, "x")
     assert node.get_parameter("window_mm").value == 4.0
     descriptor = node.describe_parameter("window_mm")
     assert descriptor.description == "Length. [mm]"

@@ -10,10 +10,11 @@ from feedopt_core.errors import FeedoptError, failure_of
 from feedopt_core.machine.machine_file import load_machine
 from feedopt_core.motion.chunk import Chunk
 from feedopt_core.planner.stream_planner import PlannerParameters
+from feedopt_core.schema import parameter
 from feedopt_msgs.msg import NodeStatus, ToolpathSegment
 from feedopt_node.conversions import chunk_to_message, machine_to_message, segment_from_message
 from feedopt_node.graph_node import GraphNode
-from feedopt_node.parameters import MachineNodeParameters, parameter
+from feedopt_node.parameters import MachineNodeParameters
 from feedopt_node.run import run_node
 from feedopt_node.sequence import SequenceCheck
 from feedopt_planner.conversions import chunk_diagnostics
@@ -31,7 +32,8 @@ class PlannerNodeParameters(MachineNodeParameters, PlannerParameters):
         "Motion committed beyond what the interpolator has reached.",
         default=2.0,
         unit="s",
-        range=(1.0, 60.0),
+        at_least=1.0,
+        at_most=60.0,
     )
 
 

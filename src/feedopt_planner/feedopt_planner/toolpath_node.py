@@ -19,13 +19,14 @@ from feedopt_core.geometry.segments import Segment
 from feedopt_core.machine.machine_file import load_machine
 from feedopt_core.pipeline.read_program import Program, open_program, read_program
 from feedopt_core.programs.layers.transitions import LayerTransitions
+from feedopt_core.schema import parameter
 from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM
 from feedopt_msgs.action import ExecuteProgram
 from feedopt_msgs.msg import NodeStatus, ProgramLines
 from feedopt_node.conversions import segment_to_message
 from feedopt_node.failure_conversions import failure_of_status, failure_to_message
 from feedopt_node.graph_node import GraphNode
-from feedopt_node.parameters import MachineNodeParameters, parameter
+from feedopt_node.parameters import MachineNodeParameters
 from feedopt_node.run import run_node
 from feedopt_planner.conversions import DisplayPath
 from feedopt_planner.line_inbox import LineInbox
@@ -45,16 +46,17 @@ class ToolpathNodeParameters(MachineNodeParameters):
     """Parameters of the toolpath node."""
 
     segments_ahead: int = parameter(
-        "Segments published beyond the last one the planner took.", default=200, range=(1, 900)
+        "Segments published beyond the last one the planner took.", default=200, at_least=1, at_most=900
     )
     tolerance_mm: float = parameter(
         "Largest distance of the smoothed from the programmed path, where a goal gives none.",
         default=DEFAULT_TOLERANCE_MM,
         unit="mm",
-        range=(1e-6, 10.0),
+        at_least=1e-6,
+        at_most=10.0,
     )
     display_spacing_mm: float = parameter(
-        "Distance between the points of the displayed path.", default=0.5, unit="mm", range=(1e-3, 1e3)
+        "Distance between the points of the displayed path.", default=0.5, unit="mm", at_least=1e-3, at_most=1e3
     )
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from feedopt_node.parameters import GraphParameters, parameter
+from feedopt_core.schema import parameter
+from feedopt_node.parameters import GraphParameters
 
 
 @dataclass(frozen=True)
@@ -20,12 +21,15 @@ class RecorderParameters(GraphParameters):
     provenance_file: str = parameter(
         "JSON file with the records that say where the run comes from; empty: none.", default=""
     )
-    poll_interval_s: float = parameter("How often the topics are drained.", default=0.02, unit="s", range=(0.001, 0.1))
+    poll_interval_s: float = parameter(
+        "How often the topics are drained.", default=0.02, unit="s", at_least=0.001, at_most=0.1
+    )
     flush_interval_s: float = parameter(
         "What a crash may lose at most: a chunk is written at the latest after this time.",
         default=0.4,
         unit="s",
-        range=(0.05, 10.0),
+        at_least=0.05,
+        at_most=10.0,
     )
 
     def directory(self) -> Path:

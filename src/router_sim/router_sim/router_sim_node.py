@@ -11,9 +11,10 @@ from sensor_msgs.msg import JointState
 
 from feedopt_core.errors import ConfigError, FeedoptError, failure_of
 from feedopt_core.machine.machine_file import load_machine
+from feedopt_core.schema import parameter
 from feedopt_msgs.msg import AxisSetpoint, AxisState, NodeStatus
 from feedopt_node.graph_node import GraphNode
-from feedopt_node.parameters import MachineNodeParameters, parameter
+from feedopt_node.parameters import MachineNodeParameters
 from feedopt_node.polling import PollingThread
 from feedopt_node.private_rclpy import PolledGroup, take_all
 from feedopt_node.run import run_node
@@ -31,7 +32,7 @@ DELIVERY_PATIENCE_S = 2.0
 class RouterSimNodeParameters(MachineNodeParameters):
     """Parameters of the router_sim node; the drives stand in the machine file."""
 
-    joint_state_ticks: int = parameter("Set points between two joint states.", default=20, range=(1, 10_000))
+    joint_state_ticks: int = parameter("Set points between two joint states.", default=20, at_least=1, at_most=10_000)
 
 
 class RouterSimNode(GraphNode[RouterSimNodeParameters]):

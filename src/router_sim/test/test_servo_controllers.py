@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from reference_moves import circle
 
+from feedopt_core.schema import build
 from router_sim.controllers import VelocityEstimate, make_controller
 from router_sim.parameters import ControllerKind, RouterSimParameters
 from router_sim.router import SimulatedRouter
@@ -17,7 +18,7 @@ BOTH = ["p_pi", "adaptive_sliding_mode"]
 
 
 def router(section: dict[str, Any]) -> SimulatedRouter:
-    return SimulatedRouter(RouterSimParameters.from_mapping(section))
+    return SimulatedRouter(build(RouterSimParameters, section, "test"))
 
 
 def column(states: list[Any], name: str) -> np.ndarray:
@@ -80,7 +81,7 @@ def test_integrator_does_not_wind_up_while_the_amplifier_saturates(section: dict
 
 @pytest.mark.parametrize("kind", list(ControllerKind))
 def test_reset_forgets_everything(section: dict[str, Any], kind: ControllerKind) -> None:
-    servo = RouterSimParameters.from_mapping(section).servos[0]
+    servo = build(RouterSimParameters, section, "test").servos[0]
     controller = make_controller(kind, servo, 10.0, PERIOD_S)
     inputs = [(0.01 * tick, 3.0, 50.0 * tick, 0.008 * tick) for tick in range(50)]
     first = [controller.control_signal(*row) for row in inputs]

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reference_moves import Move, circle
 
+from feedopt_core.schema import build
 from router_sim.parameters import RouterSimParameters, ServoParameters
 from router_sim.router import SimulatedRouter
 from router_sim.servo_tuning import FeedForwardGains, feed_forward_gains
@@ -99,7 +100,7 @@ def test_error_of_a_servo_tuned_to_none_is_of_fifth_order() -> None:
 
 
 def simulated_error(section: dict[str, Any], move: Move) -> tuple[np.ndarray, np.ndarray]:
-    states = move.run(SimulatedRouter(RouterSimParameters.from_mapping(section)))
+    states = move.run(SimulatedRouter(build(RouterSimParameters, section, "test")))
     law = (section[key] for key in ("error_velocity_gain_s", "error_acceleration_gain_s2", "error_jerk_gain_s3"))
     return np.array([state.tracking_error_mm for state in states]), move.quasi_static_error_mm(*law)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from reference_moves import circle
 
+from feedopt_core.schema import build
 from router_sim.parameters import RouterSimParameters
 from router_sim.router import AxisStates, SetpointError, SimulatedRouter
 
@@ -16,7 +17,7 @@ COUNT_MM = 1.0 / 384.0
 
 
 def router(section: dict[str, Any], **changes: Any) -> SimulatedRouter:
-    return SimulatedRouter(RouterSimParameters.from_mapping({**section, **changes}))
+    return SimulatedRouter(build(RouterSimParameters, {**section, **changes}, "test"))
 
 
 def column(states: list[AxisStates], name: str) -> np.ndarray:

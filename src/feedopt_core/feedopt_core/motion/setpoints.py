@@ -8,7 +8,7 @@ Set points stay equidistant from the rest before the motion to the rest after it
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from feedopt_core.geometry.segments import Segment
 from feedopt_core.geometry.toolpath import Toolpath
 from feedopt_core.machine.machine_file import Machine
 from feedopt_core.motion.chunk import Chunk
+from feedopt_core.schema import parameter
 
 _JOIN_MM = 1e-6
 
@@ -26,14 +27,12 @@ _JOIN_MM = 1e-6
 class InterpolatorParameters:
     """Parameters of the interpolator; the same names stand in config/nodes/interpolator.yaml."""
 
-    period_s: float = field(
-        default=0.001, metadata={"unit": "s", "range": (1e-4, 0.1), "doc": "time between set points"}
+    period_s: float = parameter("Time between set points.", default=0.001, unit="s", at_least=1e-4, at_most=0.1)
+    rest_before_ticks: int = parameter(
+        "Set points at standstill before the motion.", default=50, at_least=0, at_most=10_000
     )
-    rest_before_ticks: int = field(
-        default=50, metadata={"range": (0, 10000), "doc": "set points at rest before the motion"}
-    )
-    rest_after_ticks: int = field(
-        default=250, metadata={"range": (0, 10000), "doc": "set points at rest after it, while the servo settles"}
+    rest_after_ticks: int = parameter(
+        "Set points at standstill after it, while the servo settles.", default=250, at_least=0, at_most=10_000
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,8 +22,9 @@ from feedopt_core.motion.certificate import ALLOWED_RATIO, Certificate
 from feedopt_core.motion.chunk import Chunk, SolverFigures
 from feedopt_core.motion.profile import FeedProfile
 from feedopt_core.planner.method import PlanningMethod, StartState, Window, WindowPlan
-from feedopt_core.planner.methods import make_method
+from feedopt_core.planner.methods import METHOD_NAMES, make_method
 from feedopt_core.planner.warm_up import warm_up
+from feedopt_core.schema import parameter
 
 _STOPS_OF_LOOK_AHEAD = 1.6
 """Out of a turn that takes all of the acceleration a stop is pi/2 times as long as on a straight line."""
@@ -36,25 +37,23 @@ _HALVINGS = 6
 class PlannerParameters:
     """Parameters of the planner; the same names stand in config/nodes/planner.yaml."""
 
-    method: str = field(default="lp_nlp", metadata={"doc": "planning method: lp, lp_nlp, thesis or oneshot"})
-    knot_spacing_mm: float = field(
-        default=0.25, metadata={"unit": "mm", "range": (1e-3, 100.0), "doc": "largest knot spacing of q(s)"}
+    method: str = parameter("Planning method.", default="lp_nlp", choices=METHOD_NAMES)
+    knot_spacing_mm: float = parameter(
+        "Largest knot spacing of q(s).", default=0.25, unit="mm", at_least=1e-3, at_most=100.0
     )
-    look_ahead_mm: float = field(
+    look_ahead_mm: float = parameter(
+        "Path behind what is committed; 0: from the stopping distance.",
         default=0.0,
-        metadata={
-            "unit": "mm",
-            "range": (0.0, 1e6),
-            "doc": "path behind what is committed; 0: from the stopping distance",
-        },
+        unit="mm",
+        at_least=0.0,
+        at_most=1e6,
     )
-    commitment_mm: float = field(
+    commitment_mm: float = parameter(
+        "Path committed by one window; 0: from the stopping distance.",
         default=0.0,
-        metadata={
-            "unit": "mm",
-            "range": (0.0, 1e6),
-            "doc": "path committed by one window; 0: from the stopping distance",
-        },
+        unit="mm",
+        at_least=0.0,
+        at_most=1e6,
     )
 
 

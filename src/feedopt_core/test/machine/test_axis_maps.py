@@ -84,12 +84,12 @@ def test_fan_contour_on_the_hbot_holds_every_motor_limit() -> None:
 @pytest.mark.parametrize(
     ("axis_map", "complaint"),
     [
-        ([[1.0, 1.0]], "axis_map needs 2 rows, one for each of M1, M2"),
+        ([[1.0, 1.0]], "axis_map is [[1.0, 1.0]], needs 2 values, one for each of M1, M2"),
         ([[1.0, 1.0], [1.0]], "axis_map of axis M2 is"),
-        ([[1.0], [1.0]], "axis_map of axis M1 is"),
-        ([[1.0, 1.0], 1.0], "axis_map of axis M2 is 1.0, must be a list of 2 or 3 factors"),
-        ([[1.0, "1e0"], [1.0, -1.0]], "axis_map of axis M1 is '1e0', must be a number"),
-        ([[1.0, math.nan], [1.0, -1.0]], "axis_map of axis M1 is nan, must be finite"),
+        ([[1.0], [1.0]], "axis_map of axis M1 is [1.0], must be 2 or 3 factors"),
+        ([[1.0, 1.0], 1.0], "axis_map of axis M2 is 1.0, must be a list"),
+        ([[1.0, "1e0"], [1.0, -1.0]], "axis_map[1] of axis M1 is '1e0', must be a number"),
+        ([[1.0, math.nan], [1.0, -1.0]], "axis_map[1] of axis M1 is nan, must be finite"),
         ([[1.0, 0.0], [1.0, 0.0]], "no axis follows coordinate y"),
         ([[1.0, 1.0], [2.0, 2.0]], "axis_map has dependent rows"),
     ],

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 
-from feedopt_core.machine.machine_file import Machine, load_machine
-from feedopt_node.parameters import parameters_from_mapping
+from feedopt_core.machine.machine_file import Machine, parse_machine
+from feedopt_core.schema import build
 from feedopt_recorder.bags.definitions import migrated, migration
 from feedopt_recorder.bags.messages import BagContents, TopicMessages, read_messages
 from feedopt_recorder.errors import BagEmptyError, BagForeignError
 from feedopt_tools.errors import ReplayInputError
 from feedopt_tools.replay.columns import Columns, columns_of, columns_of_arrays
 
-P = TypeVar("P")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+P = TypeVar("P", bound="DataclassInstance")
 IDENTIFIED = ("/toolpath", "/feed_profile", "/axis_setpoint", "/axis_state")
 """Topics whose messages say which program they belong to."""
 
@@ -90,9 +92,9 @@ class RecordedProgram:
             ReplayInputError: not recorded.
             ConfigError: this version does not accept a recorded value.
         """
-        known = {entry.name for entry in fields(kind)}  # type: ignore[arg-type]
+        known = {entry.name for entry in fields(kind)}
         values = {key: value for key, value in self.node_parameters(node).items() if key in known}
-        return parameters_from_mapping(kind, values, f"{self.path}: recorded parameters of {node}")
+        return build(kind, values, f"{self.path}: recorded parameters of {node}")
 
     def node_parameters(self, node: str) -> dict[str, Any]:
         """All parameters that a node was started with. Raises ReplayInputError."""
@@ -124,8 +126,7 @@ class RecordedProgram:
 
     def machine(self) -> Machine:
         """The machine of the run. Raises ReplayInputError, ConfigError."""
-        with tempfile.TemporaryDirectory(prefix="feedopt-replay-") as folder:
-            return load_machine(str(self.write_machine(Path(folder))))
+        return parse_machine(self.machine_yaml, f"{self.path}: recorded machine")
 
     def write_machine(self, folder: Path) -> Path:
         """Write the machine file of the run into a folder. Raises ReplayInputError."""
