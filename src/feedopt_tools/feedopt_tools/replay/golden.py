@@ -5,12 +5,15 @@ from __future__ import annotations
 import hashlib
 import shutil
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from feedopt_core.config_files import parse_yaml, read_text
+from feedopt_core.errors import ConfigError
+from feedopt_core.schema import build, parameter
 from feedopt_recorder.bags.messages import bag_files
 from feedopt_tools.errors import GoldenBagError
 from feedopt_tools.replay.comparison import Tolerances
@@ -27,39 +30,37 @@ _HEADER = (
 
 @dataclass(frozen=True)
 class GoldenBag:
-    """Entry of the manifest.
+    """Entry of the manifest."""
 
-    Attributes:
-        what: what was recorded.
-        why: what a difference would mean.
-        program: program file, relative to the folder of the manifest.
-        machine: machine file or its name.
-        method: planning method; empty: as in config/nodes/planner.yaml.
-        sha256: of the MCAP file; empty before the first recording.
-        tolerances: largest differences relative to the largest value of a field, by ``/topic`` or ``/topic.field``.
-    """
+    what: str = parameter("What was recorded.")
+    why: str = parameter("What a difference would mean.")
+    program: str = parameter("Program file, relative to the folder of the manifest.")
+    machine: str = parameter("Machine file or its name.")
+    method: str = parameter("Planning method; empty: as in config/nodes/planner.yaml.", default="")
+    sha256: str = parameter("Hash of the MCAP file; empty before the first recording.", default="")
+    tolerances: Mapping[str, float] = parameter(
+        "Largest differences relative to the largest value of a field, by /topic or /topic.field.",
+        default_factory=dict,
+        at_least=0.0,
+    )
 
-    what: str
-    why: str
-    program: str
-    machine: str
-    method: str = ""
-    sha256: str = ""
-    tolerances: Mapping[str, float] = field(default_factory=dict)
+
+@dataclass(frozen=True)
+class _Manifest:
+    bags: Mapping[str, GoldenBag] = parameter("Golden bags by the name of their folder.")
 
 
 def load_manifest(folder: Path) -> dict[str, GoldenBag]:
     """Golden bags of a folder, by folder name.
 
     Raises:
-        GoldenBagError: the manifest or one of its entries cannot be read.
+        GoldenBagError: the manifest cannot be read, or an entry is not one; names entry and key.
     """
     path = folder / MANIFEST
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-        return {str(name): GoldenBag(**entry) for name, entry in document["bags"].items()}
-    except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
-        raise GoldenBagError(f"{path}: cannot be read as a manifest of golden bags: {error}") from error
+        return dict(build(_Manifest, parse_yaml(read_text(path), str(path)), str(path)).bags)
+    except ConfigError as error:
+        raise GoldenBagError(str(error)) from error
 
 
 def write_manifest(folder: Path, bags: Mapping[str, GoldenBag]) -> None:
