@@ -6,7 +6,6 @@ chunk, and after which stop the planner started again. Everything else follows f
 
 from __future__ import annotations
 
-import tempfile
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -35,7 +34,7 @@ from feedopt_planner.conversions import DisplayPath
 from feedopt_tools.replay.columns import Columns
 from feedopt_tools.replay.recorded_program import ProgramText, RecordedProgram
 from router_sim.conversions import fill_joint_state, fill_state, setpoint_rows
-from router_sim.machine_file import load_router_parameters
+from router_sim.machine_file import parse_router_parameters
 from router_sim.router import SimulatedRouter
 
 _JOIN_MM = 1e-6
@@ -146,8 +145,7 @@ def run_interpolator(recorded: RecordedProgram, outputs: Outputs) -> None:
 
 def run_router_sim(recorded: RecordedProgram, outputs: Outputs) -> None:
     """Set points to axis states and joint states."""
-    with tempfile.TemporaryDirectory(prefix="feedopt-replay-") as folder:
-        drives = load_router_parameters(str(recorded.write_machine(Path(folder))))
+    drives = parse_router_parameters(recorded.machine_yaml, f"{recorded.path}: recorded machine")
     router, every = SimulatedRouter(drives), int(recorded.number("router_sim", "joint_state_ticks"))
     state, joints = AxisState(), JointState(name=list(drives.axis_names))
     made = outputs["/axis_state"]
