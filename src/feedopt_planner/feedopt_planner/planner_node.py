@@ -30,7 +30,7 @@ class PlannerNodeParameters(MachineNodeParameters, PlannerParameters):
     seconds_ahead: float = parameter(
         # At least the largest start_ahead_s of the interpolator, which waits for that much before it starts.
         "Motion committed beyond what the interpolator has reached.",
-        default=2.0,
+        default=4.0,
         unit="s",
         at_least=1.0,
         at_most=60.0,
