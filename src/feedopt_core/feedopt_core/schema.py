@@ -23,15 +23,19 @@ from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, 
 from difflib import get_close_matches
 from enum import Enum
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard, TypeVar
+from typing import Any, ClassVar, Protocol, TypeAlias, TypeGuard, TypeVar
 
 from feedopt_core.errors import ConfigError
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
-T = TypeVar("T", bound="DataclassInstance")
-_DataclassType: TypeAlias = "type[DataclassInstance]"
+class DataclassInstance(Protocol):
+    """Any dataclass, for the type checker."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+
+T = TypeVar("T", bound=DataclassInstance)
+_DataclassType: TypeAlias = type[DataclassInstance]
 
 _AXIS_NAMES = "axis_names"
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}

@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from feedopt_core.config_files import parse_yaml, read_text, ros_parameters
-from feedopt_core.schema import Rule, build, parameter, rule_of
+from feedopt_core.schema import DataclassInstance, Rule, build, parameter, rule_of
 
 if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
     from rclpy.node import Node
 
-P = TypeVar("P", bound="DataclassInstance")
+P = TypeVar("P", bound=DataclassInstance)
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 

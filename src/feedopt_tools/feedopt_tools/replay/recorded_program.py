@@ -6,22 +6,19 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import yaml
 
 from feedopt_core.machine.machine_file import Machine, parse_machine
-from feedopt_core.schema import build
+from feedopt_core.schema import DataclassInstance, build
 from feedopt_recorder.bags.definitions import migrated, migration
 from feedopt_recorder.bags.messages import BagContents, TopicMessages, read_messages
 from feedopt_recorder.errors import BagEmptyError, BagForeignError
 from feedopt_tools.errors import ReplayInputError
 from feedopt_tools.replay.columns import Columns, columns_of, columns_of_arrays
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-P = TypeVar("P", bound="DataclassInstance")
+P = TypeVar("P", bound=DataclassInstance)
 IDENTIFIED = ("/toolpath", "/feed_profile", "/axis_setpoint", "/axis_state")
 """Topics whose messages say which program they belong to."""
 
