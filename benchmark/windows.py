@@ -22,6 +22,7 @@ from feedopt_core.errors import InfeasibleLimitsError, SolverError
 from feedopt_core.geometry.segments import Segment
 from feedopt_core.machine.machine_file import DriveModel, Machine, TrackingModel
 from feedopt_core.motion.certificate import ALLOWED_RATIO
+from feedopt_core.pipeline.warm_up import warm_up_planning
 from feedopt_core.planner.methods import make_method
 from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 from feedopt_core.smoothing.cubic_spline import interpolate_points
@@ -109,6 +110,7 @@ def _random_machine(rng: np.random.Generator) -> Machine:
 
 def run_case(case: Case, tally: Tally, name: str) -> None:
     """Plan one case, window by window, into the tally."""
+    warm_up_planning()
     planner = StreamPlanner(case.machine, case.parameters)
     for segment in case.segments:
         planner.add_segment(segment)

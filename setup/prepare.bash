@@ -201,7 +201,16 @@ build_workspace() {
         step "$title" colcon_build "${packages[@]}"
     fi
     printf '%s\n' "$now" >"$built_manifest"
+    step 'compiling the numerical code' compile_kernels
     mv -- "$building_marker" "$built_stamp"
+}
+
+# What it finds on disk it only loads. A later edit of a Python module is compiled by the first command that needs it.
+compile_kernels() {
+    (
+        enter_environment
+        exec "$venv/bin/python" -P -m feedopt_core.pipeline.warm_up
+    )
 }
 
 # What was made from a file that is gone would live on: drop all that its package has built and installed.

@@ -21,6 +21,7 @@ from feedopt_core.machine.machine_file import Machine
 from feedopt_core.motion.certificate import merge
 from feedopt_core.motion.chunk import Chunk
 from feedopt_core.pipeline.plan_program import interpolate
+from feedopt_core.pipeline.warm_up import warm_up_planning
 from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 
 PERIOD_S = 0.001
@@ -68,6 +69,7 @@ def plan_segments(
 
     Every chunk is handed on with the CPU time of its window.
     """
+    warm_up_planning()
     planner = StreamPlanner(machine, parameters)
     spent_s = first_s = 0.0
     for segment in segments:

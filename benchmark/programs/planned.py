@@ -17,6 +17,7 @@ from feedopt_core.motion.certificate import merge
 from feedopt_core.motion.setpoints import InterpolatorParameters
 from feedopt_core.pipeline.plan_program import interpolate
 from feedopt_core.pipeline.survey import Survey, survey_program
+from feedopt_core.pipeline.warm_up import warm_up_planning
 from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 
 
@@ -65,6 +66,7 @@ def run_program(
 
 def plan_segments(segments: Sequence[Segment], machine: Machine, parameters: PlannerParameters) -> Motion:
     """Plan and audit a whole path. Raises what the planner raises."""
+    warm_up_planning()
     planner, toolpath, chunks = StreamPlanner(machine, parameters), Toolpath(), []
     planning_s = 0.0
     for segment in segments:

@@ -10,6 +10,7 @@ from typing import Any
 from feedopt_core.errors import Failure, FeedoptError, failure_of
 from feedopt_core.machine.machine_file import load_machine
 from feedopt_core.motion.setpoints import InterpolatorParameters
+from feedopt_core.pipeline.warm_up import warm_up_planning
 from feedopt_core.schema import parameter
 from feedopt_interpolator.conversions import diagnostics
 from feedopt_interpolator.program_motion import ProgramMotion
@@ -49,6 +50,8 @@ class InterpolatorNode(GraphNode[InterpolatorNodeParameters]):
     """Feeds the stream of each program from the executor; the tick thread publishes it."""
 
     def __init__(self) -> None:
+        # Before the peers hear of this node: it is not READY while it compiles.
+        warm_up_planning()
         super().__init__(NODE_NAME, InterpolatorNodeParameters)
         self._machine = load_machine(self.parameters.machine)
         self._diagnostics = self.publish_topic("/diagnostics")

@@ -9,6 +9,7 @@ from typing import Any
 from feedopt_core.errors import FeedoptError, failure_of
 from feedopt_core.machine.machine_file import load_machine
 from feedopt_core.motion.chunk import Chunk
+from feedopt_core.pipeline.warm_up import warm_up_planning
 from feedopt_core.planner.stream_planner import PlannerParameters
 from feedopt_core.schema import parameter
 from feedopt_msgs.msg import NodeStatus, ToolpathSegment
@@ -41,6 +42,8 @@ class PlannerNode(GraphNode[PlannerNodeParameters]):
     """Hands segments to the planning thread and publishes what it commits."""
 
     def __init__(self) -> None:
+        # Before the peers hear of this node: it is not READY while it compiles.
+        warm_up_planning()
         super().__init__(NODE_NAME, PlannerNodeParameters)
         machine = load_machine(self.parameters.machine)
         self._check = SequenceCheck("/toolpath")

@@ -18,6 +18,7 @@ from feedopt_core.errors import Failure, FailureKind, failure_of
 from feedopt_core.geometry.segments import Segment
 from feedopt_core.machine.machine_file import load_machine
 from feedopt_core.pipeline.read_program import Program, open_program, read_program
+from feedopt_core.pipeline.warm_up import warm_up_reading
 from feedopt_core.programs.layers.transitions import LayerTransitions
 from feedopt_core.schema import parameter
 from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM
@@ -85,6 +86,8 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
     """Executes one program at a time."""
 
     def __init__(self) -> None:
+        # Before the peers hear of this node: it is not READY while it compiles.
+        warm_up_reading()
         super().__init__(NODE_NAME, ToolpathNodeParameters)
         self._dimensions = load_machine(self.parameters.machine).dimensions
         self._changed = threading.Condition()

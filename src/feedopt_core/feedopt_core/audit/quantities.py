@@ -30,7 +30,9 @@ class AxisMotion:
 def control_signal(drive: DriveModel, motion: AxisMotion) -> FloatArray:
     """Control signal by the drive model, shape (n_axes, n), V."""
     rows = (drive.inertia_volts_s2_mm, drive.viscous_volts_s_mm, drive.offset_volts, drive.coulomb_volts)
-    return _control_signal(np.array(rows), motion.velocity_mm_s, motion.acceleration_mm_s2)
+    # One layout, so one compiled version for both grids.
+    v, a = np.ascontiguousarray(motion.velocity_mm_s), np.ascontiguousarray(motion.acceleration_mm_s2)
+    return _control_signal(np.array(rows), v, a)
 
 
 @compiled

@@ -16,6 +16,7 @@ from feedopt_core.audit.deviation import DeviationReport, measure_deviation
 from feedopt_core.errors import ToolpathError
 from feedopt_core.geometry.segments import Segment, SegmentKind
 from feedopt_core.pipeline.read_program import ProgramKind, open_program, read_moves
+from feedopt_core.pipeline.warm_up import warm_up_reading
 from feedopt_core.programs.layers.transitions import LayerTransitions
 from feedopt_core.programs.moves import ArcMove, LineMoves, Move, NurbsMove, ProgramEvent
 from feedopt_core.programs.points_csv import read_points
@@ -122,6 +123,7 @@ def survey_program(
         ToolpathError: see :func:`feedopt_core.pipeline.read_program.read_program`.
     """
     program, source = open_program(path), str(path)
+    warm_up_reading()
     began_s = time.perf_counter()
     try:
         if program.kind is ProgramKind.POINTS and transitions is None:

@@ -23,7 +23,6 @@ from feedopt_core.motion.chunk import Chunk, SolverFigures
 from feedopt_core.motion.profile import FeedProfile
 from feedopt_core.planner.method import PlanningMethod, StartState, Window, WindowPlan
 from feedopt_core.planner.methods import METHOD_NAMES, make_method
-from feedopt_core.planner.warm_up import warm_up
 from feedopt_core.schema import parameter
 
 _STOPS_OF_LOOK_AHEAD = 1.6
@@ -85,7 +84,6 @@ class StreamPlanner:
         self.machine = machine
         self.toolpath = Toolpath()
         self._method = method or make_method(parameters.method, machine, parameters.knot_spacing_mm)
-        warm_up()
         stop_mm = max(self._method.stopping_mm, _LEAST_LOOK_AHEAD_MM)
         self._look_ahead_mm = parameters.look_ahead_mm or _STOPS_OF_LOOK_AHEAD * stop_mm
         self._commitment_mm = parameters.commitment_mm or _STOPS_OF_COMMITMENT * stop_mm
