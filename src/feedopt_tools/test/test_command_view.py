@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -14,6 +15,7 @@ from mcap.writer import Writer
 from recorded_run import write_run
 
 from feedopt_recorder.bags.read_bag import read_bag
+from feedopt_recorder.run_folder import BAG_NAME
 from feedopt_tools.command.main import main
 from feedopt_tools.report import html_parts
 from feedopt_tools.views.pages import PAGES
@@ -83,6 +85,17 @@ def test_recordings_of_one_and_of_two_bags_are_saved(
     assert (tmp_path / "one.rrd").stat().st_size > 50_000 and (tmp_path / "two.rrd").stat().st_size > 50_000
     # What was saved is shown again without the bag.
     assert called("view", tmp_path / "one.rrd").exit_code == 0
+
+
+def test_recording_of_a_run_is_written_once(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The folder of a run, as the demo leaves it, and the bag in it have one recording."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    folder = tmp_path / "run"
+    shutil.copytree(bag, folder / BAG_NAME)
+    for shown in (folder, folder / BAG_NAME):
+        assert called("view", shown).exit_code == 0
+    assert list(tmp_path.rglob("*.rrd")) == [folder / "run.rrd"]
 
 
 def test_cut_off_bag_is_shown_as_far_as_it_goes(bag: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import click
 from feedopt_core.errors import ConfigError
 from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.errors import BagForeignError
-from feedopt_recorder.run_folder import bag_of
+from feedopt_recorder.run_folder import BAG_NAME, bag_of
 from feedopt_tools.command.exit_codes import FAILURE, OK
 from feedopt_tools.errors import ViewError
 from feedopt_tools.views.pages import OVER, PAGES, page_named
@@ -125,7 +125,9 @@ def _recording(wish: _Wish, save: Path | None) -> Path:
     from feedopt_tools.views.signals.comparison import compare
 
     scenes = [_scene(bag, wish.program) for bag in wish.bags]
-    folder = first if first.is_dir() else first.parent
+    bag_folder = first if first.is_dir() else first.parent
+    # Beside the recording that the demo made of the same run, and over it.
+    folder = bag_folder.parent if bag_folder.name == BAG_NAME else bag_folder
     if len(scenes) == 2:
         path = save or folder / f"comparison_{_RECORDING}"
         save_comparison(compare(*scenes), path, wish.over or "arc-length")
