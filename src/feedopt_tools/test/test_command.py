@@ -94,6 +94,19 @@ def test_plan_writes_set_points_and_report(program: Path, tmp_path: Path) -> Non
     assert values[-1, 1] == pytest.approx(document["path_length_mm"], rel=1e-12)
 
 
+@pytest.mark.parametrize(("option", "begin"), [("--report", "{"), ("--setpoints", "t_s,s_mm,")])
+def test_dash_is_standard_output(
+    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, begin: str
+) -> None:
+    """Nothing else is written there: the line about the plan goes to standard error."""
+    monkeypatch.chdir(tmp_path)
+    result = feedopt("plan", str(program.absolute()), option, "-")
+    assert result.exit_code == 0, result.output
+    assert result.stdout.startswith(begin) and "planned in" not in result.stdout
+    assert "planned in" in result.stderr
+    assert not (tmp_path / "-").exists()
+
+
 def test_set_points_keep_their_digits(tmp_path: Path) -> None:
     from feedopt_core.pipeline.plan_program import Setpoints
 

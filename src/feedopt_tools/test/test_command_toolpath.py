@@ -43,6 +43,15 @@ def test_figures_are_shown_and_written(program: Path, tmp_path: Path) -> None:
     assert figures["deviation_ratio"] == pytest.approx(1.0, abs=0.01)
 
 
+def test_dash_is_standard_output(program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = called(program, "--json", "-")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["corners"] == 2
+    assert "2 straight, 1 NURBS" in result.stderr
+    assert not (tmp_path / "-").exists()
+
+
 def test_straight_program_gives_valid_json(tmp_path: Path) -> None:
     path, report = tmp_path / "line.json", tmp_path / "figures.json"
     path.write_text('{"curves": [{"degree": 1, "knots": [0, 0, 1, 1], "control_points_mm": [[0, 0], [9, 0]]}]}')

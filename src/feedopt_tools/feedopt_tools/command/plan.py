@@ -21,6 +21,7 @@ from feedopt_tools.command.options import (
     tolerance_option,
     transition_options,
 )
+from feedopt_tools.command.text_output import TEXT_OUTPUT, is_standard_output, text_output
 
 _HEADER = "t_s,s_mm,feedrate_mm_s,x_mm,y_mm,z_mm"
 
@@ -31,8 +32,8 @@ _HEADER = "t_s,s_mm,feedrate_mm_s,x_mm,y_mm,z_mm"
 @method_option
 @tolerance_option
 @transition_options
-@click.option("--setpoints", type=click.Path(path_type=Path, dir_okay=False), help="CSV file for the set points.")
-@click.option("--report", type=click.Path(path_type=Path, dir_okay=False), help="JSON file for times and audit.")
+@click.option("--setpoints", type=TEXT_OUTPUT, help="CSV file for the set points; - is standard output.")
+@click.option("--report", type=TEXT_OUTPUT, help="JSON file for times and audit; - is standard output.")
 def command(
     program: Path,
     machine: str,
@@ -47,23 +48,24 @@ def command(
 
     Fails where the audit of the plan does not hold.
     """
+    if is_standard_output(setpoints) and is_standard_output(report):
+        raise ConfigError("--setpoints and --report cannot both be standard output")
     parameters = planner_parameters(method)
     transitions = LayerTransitions.wished(transition_reach_mm, transition_side)
     plan = plan_program(program, load_machine(machine), parameters, tolerance_mm, transitions)
     document = report_document(plan, parameters.method)
-    try:
-        if setpoints is not None:
-            write_setpoints(setpoints, plan.setpoints)
-        if report is not None:
-            report.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{error.filename}: cannot be written: {error.strerror}") from error
+    if setpoints is not None:
+        write_setpoints(setpoints, plan.setpoints)
+    if report is not None:
+        with text_output(report) as file:
+            file.write(json.dumps(document, indent=1) + "\n")
     worst = plan.audit.worst
     what = f"{worst.quantity} of {worst.axis}" if worst.axis else worst.quantity
     click.echo(
         f"{program}: {plan.toolpath.end_mm:.1f} mm in {plan.motion_time_s:.3f} s, "
         f"planned in {plan.compute_time_s:.2f} s; closest to its limit: {what}, "
-        f"{worst.ratio:.4f} at s = {worst.s_mm:.1f} mm"
+        f"{worst.ratio:.4f} at s = {worst.s_mm:.1f} mm",
+        err=is_standard_output(setpoints) or is_standard_output(report),
     )
     sys.exit(OK if plan.audit.holds else FAILURE)
 
@@ -83,7 +85,7 @@ def report_document(plan: Plan, method: str) -> dict[str, object]:
 
 
 def write_setpoints(path: Path, setpoints: Setpoints) -> None:
-    """Write set points with 15 significant digits, one a line. Raises OSError."""
+    """Write set points with 15 significant digits, one a line. Raises ConfigError."""
     columns = np.column_stack([setpoints.t_s, setpoints.s_mm, setpoints.v_mm_s, setpoints.tool_mm])
-    with path.open("w", encoding="utf-8") as file:
+    with text_output(path) as file:
         np.savetxt(file, columns, fmt="%.15g", delimiter=",", header=_HEADER, comments="")

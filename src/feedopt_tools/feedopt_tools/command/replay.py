@@ -10,6 +10,7 @@ import click
 
 from feedopt_core.errors import ConfigError
 from feedopt_tools.command.exit_codes import FAILURE, OK
+from feedopt_tools.command.text_output import TEXT_OUTPUT, text_output
 from feedopt_tools.command.workspace import workspace_root
 from feedopt_tools.replay.golden import checked_tolerances, chosen_bags, golden_entry
 from feedopt_tools.replay.replay import Replay, long_text, replay_bag, short_text
@@ -19,7 +20,7 @@ _GOLDEN_FOLDER = "bags"
 
 @click.command()
 @click.argument("bags", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--diff", type=click.Path(path_type=Path, dir_okay=False), help="File for everything that differs.")
+@click.option("--diff", type=TEXT_OUTPUT, help="File for everything that differs; - is standard output.")
 @click.option("--live", is_flag=True, help="Execute the programs on a running graph instead, in real time.")
 @click.option("--update", is_flag=True, help="Remake golden bags; prints a summary for the commit message.")
 def command(bags: tuple[Path, ...], diff: Path | None, live: bool, update: bool) -> None:
@@ -37,7 +38,8 @@ def command(bags: tuple[Path, ...], diff: Path | None, live: bool, update: bool)
         return
     replays = [_replayed(path, live=live) for path in chosen]
     if diff is not None:
-        _write(diff, "\n".join(line for replay in replays for line in long_text(replay)) + "\n")
+        with text_output(diff) as file:
+            file.write("\n".join(line for replay in replays for line in long_text(replay)) + "\n")
     differing = [replay for replay in replays if not replay.agrees]
     if len(replays) > 1:
         click.echo(f"{len(replays) - len(differing)} of {len(replays)} bags agree")
@@ -74,10 +76,3 @@ def _update(paths: list[Path]) -> None:
 
 def _say(text: str) -> None:
     click.echo(text, err=True)
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error

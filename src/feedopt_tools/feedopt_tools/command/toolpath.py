@@ -14,12 +14,12 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from feedopt_core.errors import ConfigError
 from feedopt_core.machine.machine_file import load_machine
 from feedopt_core.pipeline.survey import SurveyFigures, survey_figures, survey_program
 from feedopt_core.programs.layers.transitions import LayerTransitions
 from feedopt_tools.command.exit_codes import FAILURE, OK
 from feedopt_tools.command.options import tolerance_option, transition_options
+from feedopt_tools.command.text_output import TEXT_OUTPUT, is_standard_output, text_output
 
 if TYPE_CHECKING:
     from feedopt_tools.views.signals.survey_scene import SurveyScene
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 @tolerance_option
 @transition_options
 @click.option("--view", is_flag=True, help="Open the path in the Rerun viewer.")
-@click.option("--json", "report", type=click.Path(path_type=Path, dir_okay=False), help="JSON file for the figures.")
+@click.option("--json", "report", type=TEXT_OUTPUT, help="JSON file for the figures; - is standard output.")
 @click.option("--save", type=click.Path(path_type=Path, dir_okay=False), help="Where to put the .rrd.")
 @click.option("--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Draw the path into a PNG.")
 def command(
@@ -55,12 +55,10 @@ def command(
     transitions = LayerTransitions.wished(transition_reach_mm, transition_side)
     survey = survey_program(program, load_machine(machine).dimensions if machine else None, tolerance_mm, transitions)
     figures = survey_figures(survey)
-    _show_figures(figures)
+    _show_figures(figures, to_stderr=is_standard_output(report))
     if report is not None:
-        try:
-            report.write_text(json.dumps(figures_document(figures), indent=1) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(f"{error.filename}: cannot be written: {error.strerror}") from error
+        with text_output(report) as file:
+            file.write(json.dumps(figures_document(figures), indent=1) + "\n")
     if view or save is not None or screenshot is not None:
         from feedopt_tools.views.signals.survey_scene import survey_scene
 
@@ -76,13 +74,13 @@ def figures_document(figures: SurveyFigures) -> dict[str, object]:
     return document
 
 
-def _show_figures(figures: SurveyFigures) -> None:
+def _show_figures(figures: SurveyFigures, *, to_stderr: bool) -> None:
     from feedopt_tools.views.signals.survey_scene import survey_rows
 
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, text in survey_rows(figures):
         table.add_row(name, text)
-    Console().print(table, highlight=False)
+    Console(stderr=to_stderr).print(table, highlight=False)
 
 
 def _show(scene: SurveyScene, *, view: bool, save: Path | None, screenshot: Path | None) -> None:
