@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import math
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from recorded_run import write_run
@@ -16,8 +19,9 @@ from feedopt_core.programs.moves import ArcMove, LineMoves, NurbsMove
 from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.bags.run_data import RunData, StatusRow
 from feedopt_tools.errors import ViewError
-from feedopt_tools.views.matplotlib.style import thinned
-from feedopt_tools.views.pages import CONTOUR, PAGES, PLANNER, page_named, pages_of
+from feedopt_tools.views.matplotlib.picture import figure_of
+from feedopt_tools.views.matplotlib.style import STYLE, thinned
+from feedopt_tools.views.pages import CONTOUR, MOTION, PAGES, PLANNER, TRACKING, Page, page_named, pages_of
 from feedopt_tools.views.signals.comparison import compare, comparison_markdown
 from feedopt_tools.views.signals.contour import contour_of
 from feedopt_tools.views.signals.limit_use import NONE, limit_use_of
@@ -211,6 +215,23 @@ def test_pages_are_those_the_run_has_something_for(run: RunData) -> None:
     assert PLANNER not in pages_of(scene_of(replace(run, chunks=())))
     with pytest.raises(ViewError, match="there are: motion, active-limit"):
         page_named("nothing")
+
+
+@pytest.mark.parametrize("page", [MOTION, TRACKING])
+def test_pages_leave_out_what_was_not_recorded(run: RunData, page: Page) -> None:
+    """Without a simulation there are no states: no chart without a curve, and nothing to warn of."""
+    scene = scene_of(replace(run, states=run.states.of_program(99)))
+    quantities = {**scene.signals.quantities}
+    quantities["tracking_error"] = replace(quantities["tracking_error"], commanded=None, measured=None)
+    without = replace(scene, signals=replace(scene.signals, quantities=quantities))
+    with warnings.catch_warnings(), mpl.rc_context(STYLE):
+        warnings.simplefilter("error")
+        figure = figure_of(without, page)
+        figure.savefig(io.BytesIO(), format="png")
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert quantities["control_signal"].title in titles
+    assert quantities["tracking_error"].title not in titles
+    assert all(axes.lines or axes.collections or axes.images for axes in figure.axes)
 
 
 def test_reserve_is_what_is_committed_ahead_of_the_motion(run: RunData) -> None:
