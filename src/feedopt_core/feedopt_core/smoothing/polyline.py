@@ -1,10 +1,10 @@
-"""Straight moves in a row: corners between long sides, and runs of short moves that stand for a curve.
+"""Sequences of straight moves: corners between long elements, and runs of short moves that approximate a curve.
 
-At a vertex with turning angle th between sides a and b, a pair of Euler spirals within the tolerance e would be about
-``6 e / th`` long. Where that is more than half of the shorter side, ``th min(a, b) < 12 e``, the corner has no room to
-use the tolerance, and its sides belong to something larger: two or more such vertices in a row are a run, which becomes
-one smooth curve. Inside a run, vertices of tiny sides say nothing about corners; those are found by the directions over
-a distance of several tolerances.
+At a vertex with turning angle th between elements of lengths a and b, a pair of Euler spirals within the tolerance e is
+about ``6 e / th`` long. Where that is more than half of the shorter element, ``th min(a, b) < 12 e``, the elements are
+too short for a blend that uses the whole tolerance. Two or more such vertices in sequence are a run. A run is replaced
+by one smooth curve. The single vertices of a run do not show its corners: a corner is found from the directions of the
+path over a distance of several tolerances.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from feedopt_core.arrays import FloatArray, IntArray
 from feedopt_core.compiled import compiled
 from feedopt_core.programs.moves import PathMode
+from feedopt_core.smoothing.path_element import PathElement, rounding_mm, straight_element
 from feedopt_core.smoothing.runs.run import Run
-from feedopt_core.smoothing.side import Side, rounding_mm, straight_side
 
 _RUN_TURN = 12.0
 _CORNER_REACH = 10.0
@@ -43,7 +43,7 @@ class PolylineKind:
 
 
 class Polyline:
-    """Straight moves of one kind in, sides out, in bounded memory.
+    """Straight moves of one kind in, elements out, in bounded memory.
 
     Args:
         start_mm: where the first move starts, shape (dimensions,).
@@ -60,13 +60,13 @@ class Polyline:
         self._lines = np.zeros(1, dtype=np.int64)
         self._feeds_mm_s = np.zeros(1)
         self._next = 0
-        """Vertex at which the next side starts: a corner, or the last one given to the open run."""
+        """Vertex at which the next element starts: a corner, or the last one given to the open run."""
         self._before_in_run = False
         self._run: Run | None = None
         self._enough = _FIRST_BLOCK
 
-    def add(self, points_mm: FloatArray, lines: IntArray, feed_mm_s: FloatArray) -> Iterator[Side]:
-        """Sides that became final with moves to the points, shape (n, dimensions)."""
+    def add(self, points_mm: FloatArray, lines: IntArray, feed_mm_s: FloatArray) -> Iterator[PathElement]:
+        """Path elements that became final with moves to the points, shape (n, dimensions)."""
         self._points_mm = np.concatenate([self._points_mm, points_mm])
         self._lines = np.concatenate([self._lines, lines])
         self._feeds_mm_s = np.concatenate([self._feeds_mm_s, feed_mm_s])
@@ -74,11 +74,11 @@ class Polyline:
             yield from self._process(final=False)
             self._enough = max(_BLOCK, 2 * len(self._points_mm))
 
-    def finish(self) -> Iterator[Side]:
+    def finish(self) -> Iterator[PathElement]:
         """The rest."""
         yield from self._process(final=True)
 
-    def _process(self, *, final: bool) -> Iterator[Side]:
+    def _process(self, *, final: bool) -> Iterator[PathElement]:
         self._drop_duplicates()
         if self.kind.mode.exact_stop:
             yield from self._exact_stops()
@@ -86,14 +86,14 @@ class Polyline:
         self._merge_collinear()
         corner, known = self._corners(final=final)
         for vertex in np.flatnonzero(corner[self._next + 1 : known + 1]) + self._next + 1:
-            yield from self._side_or_run(int(vertex))
+            yield from self._element_or_run(int(vertex))
         if not final and known - self._next >= 2:
             if self._run is None:
                 yield from self._open_run()
             yield from self._feed_run(known)
         self._forget()
 
-    def _exact_stops(self) -> Iterator[Side]:
+    def _exact_stops(self) -> Iterator[PathElement]:
         for vertex in range(self._next + 1, len(self._points_mm)):
             yield self._straight(self._points_mm[vertex - 1], self._points_mm[vertex], vertex, exact_stop=True)
         self._next = len(self._points_mm) - 1
@@ -158,7 +158,7 @@ class Polyline:
         corner[: self._next + 1] = False
         return corner, known
 
-    def _side_or_run(self, vertex: int) -> Iterator[Side]:
+    def _element_or_run(self, vertex: int) -> Iterator[PathElement]:
         """What leads to the next corner."""
         if self._run is None and vertex == self._next + 1:
             yield self._straight(self._points_mm[self._next], self._points_mm[vertex], vertex)
@@ -171,21 +171,21 @@ class Polyline:
 
     def _straight(
         self, start_mm: FloatArray, end_mm: FloatArray, vertex: int, *, exact_stop: bool = False, cut: str = ""
-    ) -> Side:
-        """Straight side; ``cut`` names the end at which a run takes over."""
+    ) -> PathElement:
+        """Straight element; ``cut`` names the end at which a run takes over."""
         line, feed_mm_s = int(self._lines[vertex]), float(self._feeds_mm_s[vertex])
-        side = straight_side(start_mm, end_mm, line, feed_mm_s, self._tolerance_mm, self.kind.rapid)
-        whole_mm = 2.0 * side.room_start_mm
+        element = straight_element(start_mm, end_mm, line, feed_mm_s, self._tolerance_mm, self.kind.rapid)
+        whole_mm = 2.0 * element.available_start_mm
         return replace(
-            side,
+            element,
             exact_stop=exact_stop,
             follows=cut == "start",
-            room_start_mm=whole_mm if cut == "end" else side.room_start_mm,
-            room_end_mm=whole_mm if cut == "start" else side.room_end_mm,
+            available_start_mm=whole_mm if cut == "end" else element.available_start_mm,
+            available_end_mm=whole_mm if cut == "start" else element.available_end_mm,
         )
 
-    def _open_run(self) -> Iterator[Side]:
-        """Begin a run at the next side; a long one stays straight up to where the run has to begin turning."""
+    def _open_run(self) -> Iterator[PathElement]:
+        """Begin a run at the next element; a long one stays straight up to where the run has to begin turning."""
         p, first = self._points_mm, self._next
         lead_mm = self._lead(p[first : first + 3], p[first + 1 :])
         if lead_mm is None:
@@ -198,7 +198,7 @@ class Polyline:
             self._run = Run(self._tolerance_mm, self.kind.rapid, cut_mm, direction)
         self._before_in_run = True
 
-    def _feed_run(self, vertex: int) -> Iterator[Side]:
+    def _feed_run(self, vertex: int) -> Iterator[PathElement]:
         """Give the run all vertices up to one."""
         assert self._run is not None
         new = slice(self._next + 1, vertex + 1)
@@ -206,8 +206,8 @@ class Polyline:
             yield from self._run.add(self._points_mm[new], self._lines[new], self._feeds_mm_s[new])
             self._next, self._before_in_run = vertex, True
 
-    def _close_run(self, vertex: int) -> Iterator[Side]:
-        """End the run with the side to a corner, or on it where it is long."""
+    def _close_run(self, vertex: int) -> Iterator[PathElement]:
+        """End the run with the element to a corner, or on it where it is long."""
         p, run, before = self._points_mm, self._run, vertex - 1
         assert run is not None
         self._run = None
@@ -225,28 +225,28 @@ class Polyline:
         yield self._straight(cut_mm, p[vertex], vertex, cut="start")
 
     def _lead(self, corner: FloatArray, beyond: FloatArray) -> float | None:
-        """How much of a long side next to a run the run takes; None where the side is short and all of it is the run's.
+        """Length of a long element that the run next to it uses; None for a short element, which joins the run whole.
 
         Args:
-            corner: far end of the side, its other end, the vertex of the run behind that, shape (3, dimensions).
-            beyond: vertices of the run from the other end of the side on.
+            corner: far end of the element, end shared with the run, next vertex of the run, shape (3, dimensions).
+            beyond: vertices of the run, from the shared end on.
         """
-        side, chord = corner[1] - corner[0], corner[2] - corner[1]
-        length = float(np.linalg.norm(side))
+        element, chord = corner[1] - corner[0], corner[2] - corner[1]
+        length = float(np.linalg.norm(element))
         if length < max(_CUT_LENGTH * self._tolerance_mm, _CUT_RATIO * float(np.linalg.norm(chord))):
             return None
         reach_mm = _CORNER_REACH * self._tolerance_mm
         ways = beyond[:512] - corner[1]
         distances = np.linalg.norm(ways, axis=1)
         far = int(np.argmax(distances >= reach_mm)) if np.any(distances >= reach_mm) else len(ways) - 1
-        turn = float(_turns((side / length)[None, :], (ways[far] / max(distances[far], 1e-300))[None, :])[0])
+        turn = float(_turns((element / length)[None, :], (ways[far] / max(distances[far], 1e-300))[None, :])[0])
         # The spiral from a straight line into a circle with this turn over this distance, within the tolerance.
         radius_mm = max(float(distances[far]), reach_mm) / max(turn, 1e-9)
         wanted_mm = max(12.0 * self._tolerance_mm, float(np.sqrt(18.0 * radius_mm * self._tolerance_mm)))
         return min(0.5 * length, wanted_mm)
 
     def _forget(self) -> None:
-        """Drop the vertices behind the next side, but for those that show the direction in which it is reached."""
+        """Drop the vertices behind the next element, but for those that show the direction in which it is reached."""
         p, first = self._points_mm, self._next
         behind = np.linalg.norm(p[: first + 1] - p[first], axis=1) > _CORNER_REACH * self._tolerance_mm
         drop = max(0, min(first - 2, int(np.flatnonzero(behind)[-1]) - 1 if np.any(behind) else 0))

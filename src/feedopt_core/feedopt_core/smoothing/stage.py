@@ -1,10 +1,10 @@
 """The smoothing stage: programmed moves in, segments of a smooth path out, as a stream.
 
-Moves become sides (smooth pieces between joints); every joint between two sides is then resolved in turn:
+Moves become elements (smooth pieces between joints); every joint between two elements is then resolved in turn:
 
-- the sides continue each other: nothing to do
-- corner between straight sides: pair of Euler spirals
-- any other joint: both sides are cut back and joined by a quintic
+- the elements continue each other: nothing to do
+- corner between straight elements: pair of Euler spirals
+- any other joint: both elements are cut back and joined by a quintic
 - no curve within the tolerance (reversal, cusp, no room), or an exact stop is programmed: the machine stops there
 """
 
@@ -18,13 +18,13 @@ from feedopt_core.geometry.segments import PlanarSegment, Segment, SegmentPlace
 from feedopt_core.programs.moves import Move, ProgramEvent
 from feedopt_core.smoothing.corners.blend import SMOOTH_TURN_RAD, blend, continues
 from feedopt_core.smoothing.corners.euler_pair import EulerPair, turning_angle
-from feedopt_core.smoothing.side import Side, part, rounding_mm
-from feedopt_core.smoothing.side_reader import SideReader
+from feedopt_core.smoothing.path_element import PathElement, part, rounding_mm
+from feedopt_core.smoothing.path_element_reader import PathElementReader
 
 _SHARPEST_CORNER_RAD = 2.97
 """170 degrees: beyond, the spirals are so tight that stopping is as fast."""
 _BRIDGED = 4.0
-"""Sides shorter than so many tolerances have no room for a blend at either end: one blend replaces them."""
+"""Path elements shorter than so many tolerances have no room for a blend at either end: one blend replaces them."""
 _LONGEST_BRIDGE = 12.0
 
 
@@ -46,7 +46,7 @@ def smooth(
         ToolpathError: a move needs a coordinate the machine has not, does not start where the one before ended, or
             has no curve; there is no motion at all. Names the line.
     """
-    reader = SideReader(tolerance_mm, dimensions, rapid_tolerance_mm)
+    reader = PathElementReader(tolerance_mm, dimensions, rapid_tolerance_mm)
     stream = SegmentStream()
     for move in moves:
         if isinstance(move, ProgramEvent):
@@ -61,12 +61,12 @@ def smooth(
 
 
 class SegmentStream:
-    """Sides in, segments out. It holds one side, and one segment whose end is not decided yet."""
+    """Path elements in, segments out. It holds one element, and one segment whose end is not decided yet."""
 
     def __init__(self) -> None:
-        self._side: Side | None = None
+        self._element: PathElement | None = None
         self._cut_mm = 0.0
-        self._bridge: list[Side] = []
+        self._bridge: list[PathElement] = []
         self._events: list[str] = []
         self._due: list[str] = []
         self._stop = False
@@ -74,54 +74,56 @@ class SegmentStream:
         self._held: Segment | None = None
 
     def take_event(self, event: ProgramEvent) -> None:
-        """Something that happens behind the last side; the texts go to the segment that starts there."""
+        """Something that happens behind the last element; the texts go to the segment that starts there."""
         if event.text:
             self._events.append(event.text)
         self._stop = self._stop or event.stop or event.dwell_s > 0.0
         self._dwell_s += event.dwell_s
 
-    def take_all(self, sides: Iterator[Side]) -> Iterator[Segment]:
-        """Segments that became final with the sides."""
-        for side in sides:
-            yield from self._take(side)
+    def take_all(self, elements: Iterator[PathElement]) -> Iterator[Segment]:
+        """Segments that became final with the elements."""
+        for element in elements:
+            yield from self._take(element)
 
     def finish(self) -> Iterator[Segment]:
         """The rest of the segments; the last one ends the program. Raises ToolpathError where there is none."""
-        if self._side is None:
+        if self._element is None:
             raise ToolpathError("holds no motion", line=1, column=1)
         yield from self._settle_bridge()
-        yield from self._leave(self._side.length_mm)
+        yield from self._leave(self._element.length_mm)
         assert self._held is not None
         yield replace(self._held, place=replace(self._held.place, last=True))
 
-    def _take(self, side: Side) -> Iterator[Segment]:
-        before = self._bridge[-1] if self._bridge else self._side
+    def _take(self, element: PathElement) -> Iterator[Segment]:
+        before = self._bridge[-1] if self._bridge else self._element
         if before is None:
             self._due, self._events, self._stop, self._dwell_s = self._events, [], False, 0.0
-            self._side = side
+            self._element = element
             return
         stops = self._stop or before.exact_stop
-        tiny = side.length_mm < _BRIDGED * side.tolerance_mm and not (stops or side.exact_stop or side.follows)
-        room = _LONGEST_BRIDGE * side.tolerance_mm - sum(held.length_mm for held in self._bridge)
-        if tiny and side.length_mm <= room:
-            self._bridge.append(side)
+        tiny = element.length_mm < _BRIDGED * element.tolerance_mm and not (
+            stops or element.exact_stop or element.follows
+        )
+        available_mm = _LONGEST_BRIDGE * element.tolerance_mm - sum(held.length_mm for held in self._bridge)
+        if tiny and element.length_mm <= available_mm:
+            self._bridge.append(element)
             return
-        if stops or side.follows or tiny:
+        if stops or element.follows or tiny:
             yield from self._settle_bridge()
-        yield from self._resolve(side)
+        yield from self._resolve(element)
 
     def _settle_bridge(self) -> Iterator[Segment]:
-        """No blend spans the tiny sides: each joint for itself."""
+        """No blend spans the tiny elements: each joint for itself."""
         bridge, self._bridge = self._bridge, []
         events, stop, dwell_s = self._events, self._stop, self._dwell_s
         self._events, self._stop, self._dwell_s = [], False, 0.0
-        for side in bridge:
-            yield from self._resolve(side)
+        for element in bridge:
+            yield from self._resolve(element)
         self._events, self._stop, self._dwell_s = events, stop, dwell_s
 
-    def _resolve(self, after: Side) -> Iterator[Segment]:
-        """The joint between the side held and the next one, which is held then."""
-        before, bridge = self._side, self._bridge
+    def _resolve(self, after: PathElement) -> Iterator[Segment]:
+        """The joint between the element held and the next one, which is held then."""
+        before, bridge = self._element, self._bridge
         assert before is not None
         if self._stop or before.exact_stop:
             yield from self._stop_before(after)
@@ -144,62 +146,62 @@ class SegmentStream:
             else:
                 yield from self._stop_before(after)
 
-    def _corner(self, before: Side, after: Side) -> Iterator[Segment]:
+    def _corner(self, before: PathElement, after: PathElement) -> Iterator[Segment]:
         assert isinstance(before.curve, PlanarSegment) and isinstance(after.curve, PlanarSegment)
         directions = before.curve.tangent, after.curve.tangent
         angle = turning_angle(*directions)
-        room_mm = min(before.room_end_mm, after.room_start_mm)
+        available_mm = min(before.available_end_mm, after.available_start_mm)
         corner_mm = after.curve.start_mm
         if angle <= SMOOTH_TURN_RAD:
             yield from self._go_on(after)
             return
-        if angle > _SHARPEST_CORNER_RAD or room_mm <= 1e3 * rounding_mm(corner_mm):
+        if angle > _SHARPEST_CORNER_RAD or available_mm <= 1e3 * rounding_mm(corner_mm):
             yield from self._stop_before(after)
             return
         pair = EulerPair.turning(angle)
-        length_mm = pair.length_mm(min(before.tolerance_mm, after.tolerance_mm), room_mm)
+        length_mm = pair.length_mm(min(before.tolerance_mm, after.tolerance_mm), available_mm)
         first, second = pair.curves(corner_mm, *directions, length_mm)
-        cut_mm = pair.half_side * length_mm
+        cut_mm = pair.cut * length_mm
         yield from self._leave(before.length_mm - cut_mm)
         yield from self._place(first, before, after)
         self._due, self._events = self._events, []
         yield from self._place(second, before, after)
         self._hold(after, cut_mm)
 
-    def _go_on(self, after: Side) -> Iterator[Segment]:
-        """The sides continue each other."""
-        assert self._side is not None
-        yield from self._leave(self._side.length_mm)
+    def _go_on(self, after: PathElement) -> Iterator[Segment]:
+        """The elements continue each other."""
+        assert self._element is not None
+        yield from self._leave(self._element.length_mm)
         self._hold(after, 0.0)
 
-    def _stop_before(self, after: Side) -> Iterator[Segment]:
-        assert self._side is not None
-        yield from self._leave(self._side.length_mm)
+    def _stop_before(self, after: PathElement) -> Iterator[Segment]:
+        assert self._element is not None
+        yield from self._leave(self._element.length_mm)
         assert self._held is not None
         place = replace(self._held.place, exact_stop=True, dwell_s=self._held.place.dwell_s + self._dwell_s)
         self._held = replace(self._held, place=place)
         self._hold(after, 0.0)
 
-    def _hold(self, side: Side, cut_mm: float) -> None:
-        self._side, self._cut_mm = side, cut_mm
+    def _hold(self, element: PathElement, cut_mm: float) -> None:
+        self._element, self._cut_mm = element, cut_mm
         self._due, self._events = [*self._due, *self._events], []
         self._stop, self._dwell_s = False, 0.0
 
     def _leave(self, end_mm: float) -> Iterator[Segment]:
-        """What is left of the side held, up to an arc length on its curve."""
-        side = self._side
-        assert side is not None
-        yield from self._place(part(side.curve, self._cut_mm, end_mm), side)
+        """What is left of the element held, up to an arc length on its curve."""
+        element = self._element
+        assert element is not None
+        yield from self._place(part(element.curve, self._cut_mm, end_mm), element)
 
-    def _place(self, curve: Segment, *sides: Side) -> Iterator[Segment]:
+    def _place(self, curve: Segment, *elements: PathElement) -> Iterator[Segment]:
         """Put the next curve at its place: the lower feed, a rapid only between rapids."""
         before = self._held
         place = SegmentPlace(
             sequence=1 if before is None else before.place.sequence + 1,
-            source_line=sides[0].line,
+            source_line=elements[0].line,
             s_start_mm=0.0 if before is None else before.place.s_start_mm + before.length_mm,
-            feed_limit_mm_s=min(side.feed_mm_s for side in sides),
-            rapid=all(side.rapid for side in sides),
+            feed_limit_mm_s=min(element.feed_mm_s for element in elements),
+            rapid=all(element.rapid for element in elements),
             events=tuple(self._due),
         )
         self._due = []

@@ -37,7 +37,7 @@ def test_corner_pair_is_off_by_its_closed_form_at_the_corner(angle: float) -> No
     pair, length = EulerPair.turning(angle), 3.0
     after = np.array([math.cos(angle), math.sin(angle)])
     curves = pair.curves(np.zeros(2), np.array([1.0, 0.0]), after, length)
-    side = pair.half_side * length
+    side = pair.cut * length
     program: list[Move] = [straight([(-side, 0.0), (0.0, 0.0), tuple(side * after)])]
     report = measure_deviation(program, curves, 0.5)
     assert report.worst_mm == pytest.approx(pair.deviation * length, rel=1e-4)

@@ -24,8 +24,8 @@ def test_pair_of_unit_length_ends_where_the_fresnel_integrals_say(angle: float) 
     assert pair.forward == pytest.approx(scale * cosine, rel=1e-13)
     assert pair.sideways == pytest.approx(scale * sine, rel=1e-12)
     # The end lies on the bisector, whose foot on the side is the corner.
-    assert pair.half_side - pair.forward == pytest.approx(pair.sideways * math.tan(angle / 2.0), rel=1e-12)
-    assert pair.deviation == pytest.approx(math.hypot(pair.half_side - pair.forward, pair.sideways), rel=1e-12)
+    assert pair.cut - pair.forward == pytest.approx(pair.sideways * math.tan(angle / 2.0), rel=1e-12)
+    assert pair.deviation == pytest.approx(math.hypot(pair.cut - pair.forward, pair.sideways), rel=1e-12)
 
 
 def test_deviation_of_a_shallow_pair_is_a_sixth_of_angle_times_length() -> None:
@@ -63,14 +63,14 @@ def test_length_of_the_path_is_sides_less_what_the_pair_saves() -> None:
     segments = smoothed([straight([(0, 0), (50, 0), (50, 50)])])
     pair = EulerPair.turning(math.pi / 2.0)
     length = TOLERANCE_MM / pair.deviation
-    expected = 100.0 - 2.0 * pair.half_side * length + 2.0 * length
+    expected = 100.0 - 2.0 * pair.cut * length + 2.0 * length
     assert sum(segment.length_mm for segment in segments) == pytest.approx(expected, rel=1e-13)
 
 
 def test_short_sides_limit_the_pair_to_half_of_each() -> None:
     side = 0.3
     segments = smoothed([straight([(0.0, 0.0), (side, 0.0), (side, side)])], tolerance_mm=side)
-    cut = EulerPair.turning(math.pi / 2.0).half_side * segments[1].length_mm
+    cut = EulerPair.turning(math.pi / 2.0).cut * segments[1].length_mm
     assert segments[1].kind == SegmentKind.CLOTHOID
     assert 0.48 * side < cut <= 0.5 * side
 

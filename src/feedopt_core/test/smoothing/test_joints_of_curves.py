@@ -22,7 +22,7 @@ from feedopt_core.errors import ToolpathError
 from feedopt_core.geometry.nurbs import NurbsCurve
 from feedopt_core.geometry.segments import PlanarSegment, SegmentKind
 from feedopt_core.programs.moves import ArcMove, LineMoves, Move, NurbsMove
-from feedopt_core.smoothing.side import curve_between
+from feedopt_core.smoothing.path_element import curve_between
 
 SLOT: list[Move] = [
     straight([(0, 0), (50, 0)]),

@@ -1,1 +1,1 @@
-"""Joints between two sides: Euler spirals, blends, and what they replace."""
+"""Joints between two elements: Euler spirals, blends, and what they replace."""

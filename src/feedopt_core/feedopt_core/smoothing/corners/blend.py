@@ -21,14 +21,14 @@ from feedopt_core.geometry.path_points import PathPoints
 from feedopt_core.geometry.segments import NurbsSegment, Segment
 from feedopt_core.smoothing.corners.euler_pair import turning_angle
 from feedopt_core.smoothing.corners.replaced import replaced_end, replaced_start, two_way_distance
-from feedopt_core.smoothing.side import UNPLACED, Side, rounding_mm, sampled
+from feedopt_core.smoothing.path_element import UNPLACED, PathElement, rounding_mm, sampled
 
 SMOOTH_TURN_RAD = 1e-8
 """Turn at a joint that counts as none."""
 _SMOOTH_STEP = 1e-6
 _KNOTS = np.array([0.0] * 6 + [1.0] * 6)
 _STRAIGHT_PER_MM = 1e-9
-"""Curvature that rounding leaves at the end of a curve that joins a straight side."""
+"""Curvature that rounding leaves at the end of a curve that joins a straight element."""
 
 
 def _bernstein(count: int) -> FloatArray:
@@ -52,7 +52,7 @@ class Blend:
     """What takes the place of a joint.
 
     Attributes:
-        cut_before_mm, cut_after_mm: length it replaces of the side before and of the one after.
+        cut_before_mm, cut_after_mm: length it replaces of the element before and of the one after.
         curve: the blend.
         deviation_mm: its largest distance, both ways, from what it replaces.
     """
@@ -63,27 +63,27 @@ class Blend:
     deviation_mm: float
 
 
-def blend(before: Side, bridge: Sequence[Side], after: Side) -> Blend | None:
+def blend(before: PathElement, bridge: Sequence[PathElement], after: PathElement) -> Blend | None:
     """Longest blend within the tolerance; None where there is none and the machine must stop.
 
     Args:
-        before, after: sides to join.
-        bridge: sides between them that the blend replaces altogether.
+        before, after: elements to join.
+        bridge: elements between them that the blend replaces altogether.
     """
-    tolerance_mm = min(side.tolerance_mm for side in (before, *bridge, after))
+    tolerance_mm = min(element.tolerance_mm for element in (before, *bridge, after))
     end = before.curve.evaluate(np.array([before.length_mm]))
     start = after.curve.evaluate(np.zeros(1))
     turn = turning_angle(end.dr_ds[0], start.dr_ds[0])
-    room_before, room_after = before.room_end_mm, after.room_start_mm
+    available_before, available_after = before.available_end_mm, after.available_start_mm
     least_mm = 1e3 * rounding_mm(end.r_mm)
-    if turn > _SHARPEST_TURN_RAD or min(room_before, room_after) <= least_mm:
+    if turn > _SHARPEST_TURN_RAD or min(available_before, available_after) <= least_mm:
         return None
     step = float(np.linalg.norm(start.d2r_ds2 - end.d2r_ds2))
-    cut_mm = min(_first_cut(turn, step, tolerance_mm), max(room_before, room_after))
+    cut_mm = min(_first_cut(turn, step, tolerance_mm), max(available_before, available_after))
     best: _Trial | None = None
-    between = [sampled(side.curve, 0.0, side.length_mm, tolerance_mm) for side in bridge]
+    between = [sampled(element.curve, 0.0, element.length_mm, tolerance_mm) for element in bridge]
     for _ in range(_TRIALS):
-        cut_before, cut_after = _cuts(cut_mm, room_before, room_after)
+        cut_before, cut_after = _cuts(cut_mm, available_before, available_after)
         if min(cut_before, cut_after) <= least_mm:
             break
         swing = _swing(turn, step, max(cut_before, cut_after))
@@ -91,14 +91,14 @@ def blend(before: Side, bridge: Sequence[Side], after: Side) -> Blend | None:
         if trial.deviation_mm <= _MOST_SHARE * tolerance_mm:
             if best is None or trial.cut_mm > best.cut_mm:
                 best = trial
-            at_most = cut_before >= room_before and cut_after >= room_after
+            at_most = cut_before >= available_before and cut_after >= available_after
             if at_most or trial.deviation_mm >= _GOOD_SHARE * tolerance_mm:
                 break
         elif best is not None and cut_mm <= best.cut_before_mm:
             break
         factor = _AIM_SHARE * tolerance_mm / max(trial.deviation_mm, 1e-3 * tolerance_mm)
         cut_mm *= float(np.clip(factor if turn * cut_mm > step * cut_mm**2 else np.sqrt(factor), 0.1, 4.0))
-        cut_mm = min(cut_mm, max(room_before, room_after))
+        cut_mm = min(cut_mm, max(available_before, available_after))
     return None if best is None else _finish(best)
 
 
@@ -117,13 +117,13 @@ class _Trial:
 
 
 def _try(
-    before: tuple[Side, float],
+    before: tuple[PathElement, float],
     between: list[FloatArray],
-    after: tuple[Side, float],
+    after: tuple[PathElement, float],
     swing: float,
     tolerance_mm: float,
 ) -> _Trial:
-    """Blend between two sides, each with the length to cut from it."""
+    """Blend between two elements, each with the length to cut from it."""
     net = _quintic_net(
         before[0].curve.evaluate(np.array([before[0].length_mm - before[1]])),
         after[0].curve.evaluate(np.array([after[1]])),
@@ -147,8 +147,8 @@ def _first_cut(turn_rad: float, curvature_step_per_mm: float, tolerance_mm: floa
     return min(corner_mm, step_mm)
 
 
-def _cuts(cut_mm: float, room_before_mm: float, room_after_mm: float) -> tuple[float, float]:
-    before, after = min(cut_mm, room_before_mm), min(cut_mm, room_after_mm)
+def _cuts(cut_mm: float, available_before_mm: float, available_after_mm: float) -> tuple[float, float]:
+    before, after = min(cut_mm, available_before_mm), min(cut_mm, available_after_mm)
     return min(before, _LARGEST_RATIO * after), min(after, _LARGEST_RATIO * before)
 
 

@@ -1,13 +1,14 @@
-"""Corners between straight sides: a symmetric pair of Euler spirals (thesis, chapter 5 and section 2.2.3).
+"""Corners between straight elements: a symmetric pair of Euler spirals (thesis, chapter 5 and section 2.2.3).
 
-Both spirals meet at the bisector with the peak curvature and leave the sides with none. With the turning angle th and
-unit length, the heading of the first is ``th s^2 / 2``; its end lies at X (along the side) and Y (across it). For one
-length L
+The curvature is zero where the spirals join the elements, and largest where the spirals meet, on the bisector. With the
+turning angle th and unit length, the heading of the first spiral is ``th s^2 / 2``; its end lies at X (along the
+element) and Y (across it). For a spiral of length L,
 
-- half side used: ``L (X + Y tan(th/2))``
-- distance of the corner from the path: ``L Y / cos(th/2)``, the largest both ways.
+- length cut from each element: ``L (X + Y tan(th/2))``
+- distance of the corner from the path: ``L Y / cos(th/2)``. This is the largest distance between the path and the
+  corner, measured from either of them.
 
-All of it works in the plane of the two sides, in two and three dimensions.
+The pair lies in the plane of the two elements, in two and in three dimensions.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from feedopt_core.arrays import FloatArray
 from feedopt_core.geometry.quadrature import gauss_legendre
 from feedopt_core.geometry.segments import PlanarSegment, SegmentKind
-from feedopt_core.smoothing.side import UNPLACED
+from feedopt_core.smoothing.path_element import UNPLACED
 
 _NODES, _WEIGHTS = gauss_legendre(16)
 
@@ -30,13 +31,13 @@ class EulerPair:
 
     Attributes:
         angle_rad: turning angle, above 0 and below pi.
-        half_side: length of each side that the pair replaces.
+        cut: length of each element that the pair replaces.
         deviation: distance of the corner from the pair.
-        forward, sideways: end of the first spiral along and across its side.
+        forward, sideways: end of the first spiral along and across its element.
     """
 
     angle_rad: float
-    half_side: float
+    cut: float
     deviation: float
     forward: float
     sideways: float
@@ -51,9 +52,9 @@ class EulerPair:
             angle_rad, forward + sideways * float(np.tan(half)), sideways / float(np.cos(half)), forward, sideways
         )
 
-    def length_mm(self, tolerance_mm: float, room_mm: float) -> float:
-        """Longest spiral within the tolerance and the room on each side."""
-        return min(tolerance_mm / self.deviation, room_mm / self.half_side)
+    def length_mm(self, tolerance_mm: float, available_mm: float) -> float:
+        """Longest spiral that keeps the tolerance and cuts at most the available length from each element."""
+        return min(tolerance_mm / self.deviation, available_mm / self.cut)
 
     def curves(
         self, corner_mm: FloatArray, before: FloatArray, after: FloatArray, length_mm: float
@@ -62,12 +63,12 @@ class EulerPair:
 
         Args:
             corner_mm: the corner, shape (dimensions,).
-            before, after: unit directions of the sides, in the direction of motion.
+            before, after: unit directions of the elements, in the direction of motion.
             length_mm: length of each spiral.
         """
         across = after - before * float(after @ before)
         across /= np.linalg.norm(across)
-        start_mm = corner_mm - before * (self.half_side * length_mm)
+        start_mm = corner_mm - before * (self.cut * length_mm)
         middle_mm = start_mm + length_mm * (self.forward * before + self.sideways * across)
         half = 0.5 * self.angle_rad
         along = np.cos(half) * before + np.sin(half) * across

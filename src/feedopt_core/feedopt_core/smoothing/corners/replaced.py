@@ -1,4 +1,4 @@
-"""What a blend replaces of its two sides, and how far it is from that."""
+"""What a blend replaces of its two elements, and how far it is from that."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.compiled import compiled
-from feedopt_core.smoothing.side import Side, sampled
+from feedopt_core.smoothing.path_element import PathElement, sampled
 
 _CONTINUED = 4.0
 """Length, in tolerances, of the curve behind a cut that a programmed spike may belong to."""
@@ -18,33 +18,35 @@ _SPIKE = 30.0
 
 @dataclass(frozen=True)
 class Replaced:
-    """What a cut takes away of a side.
+    """Part of an element that a cut removes.
 
     Attributes:
-        programmed_mm: programmed path up to about the cut, in the direction of motion.
-        continuation_mm: the curve next to the cut on the side that stays, in the direction of motion; it may be empty.
+        programmed_mm: points of the programmed path, slightly beyond the cut, in the direction of motion.
+        continuation_mm: points next to the cut on the curve that remains, in the direction of motion; may be empty.
     """
 
     programmed_mm: FloatArray
     continuation_mm: FloatArray
 
 
-def replaced_end(side: Side, cut_mm: float, tolerance_mm: float) -> Replaced:
-    """What is lost of the end of a side that is cut back."""
-    at_mm = side.length_mm - cut_mm
-    if side.programmed_end_mm is None:
-        return Replaced(sampled(side.curve, at_mm, side.length_mm, tolerance_mm), np.empty((0, side.dimensions)))
-    stays = side.curve.evaluate(np.linspace(max(0.0, at_mm - _CONTINUED * tolerance_mm), at_mm, 9)).r_mm
-    return Replaced(_up_to(side.programmed_end_mm[::-1], stays[-1], cut_mm, tolerance_mm)[::-1], stays[:-1])
+def replaced_end(element: PathElement, cut_mm: float, tolerance_mm: float) -> Replaced:
+    """What is lost of the end of an element that is cut back."""
+    at_mm = element.length_mm - cut_mm
+    if element.programmed_end_mm is None:
+        return Replaced(
+            sampled(element.curve, at_mm, element.length_mm, tolerance_mm), np.empty((0, element.dimensions))
+        )
+    stays = element.curve.evaluate(np.linspace(max(0.0, at_mm - _CONTINUED * tolerance_mm), at_mm, 9)).r_mm
+    return Replaced(_up_to(element.programmed_end_mm[::-1], stays[-1], cut_mm, tolerance_mm)[::-1], stays[:-1])
 
 
-def replaced_start(side: Side, cut_mm: float, tolerance_mm: float) -> Replaced:
-    """What is lost of the start of a side that is cut back."""
-    if side.programmed_start_mm is None:
-        return Replaced(sampled(side.curve, 0.0, cut_mm, tolerance_mm), np.empty((0, side.dimensions)))
-    end_mm = min(side.length_mm, cut_mm + _CONTINUED * tolerance_mm)
-    stays = side.curve.evaluate(np.linspace(cut_mm, end_mm, 9)).r_mm
-    return Replaced(_up_to(side.programmed_start_mm, stays[0], cut_mm, tolerance_mm), stays[1:])
+def replaced_start(element: PathElement, cut_mm: float, tolerance_mm: float) -> Replaced:
+    """What is lost of the start of an element that is cut back."""
+    if element.programmed_start_mm is None:
+        return Replaced(sampled(element.curve, 0.0, cut_mm, tolerance_mm), np.empty((0, element.dimensions)))
+    end_mm = min(element.length_mm, cut_mm + _CONTINUED * tolerance_mm)
+    stays = element.curve.evaluate(np.linspace(cut_mm, end_mm, 9)).r_mm
+    return Replaced(_up_to(element.programmed_start_mm, stays[0], cut_mm, tolerance_mm), stays[1:])
 
 
 def _up_to(points_mm: FloatArray, cut_point_mm: FloatArray, cut_mm: float, tolerance_mm: float) -> FloatArray:

@@ -1,4 +1,4 @@
-"""A run of short moves on its way through the run smoother: its pieces become sides."""
+"""A run of short moves on its way through the run smoother: its pieces become elements."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ import numpy as np
 from feedopt_core.arrays import FloatArray, IntArray
 from feedopt_core.errors import ToolpathError
 from feedopt_core.geometry.segments import NurbsSegment
+from feedopt_core.smoothing.path_element import AVAILABLE_SHARE, UNPLACED, PathElement, rounding_mm, straight_element
 from feedopt_core.smoothing.runs.smoother import RunPiece, RunSmoother
-from feedopt_core.smoothing.side import ROOM_SHARE, UNPLACED, Side, rounding_mm, straight_side
 
 _TUBE_SHARE = 0.98
 _REFERENCE_POINTS = 512
 
 
 class Run:
-    """One run: points in, sides out.
+    """One run: points in, elements out.
 
     Moves so wild that no smooth curve stands for them (a program's noise as large as the tolerance) are given as what
-    they are, straight sides, as long as no piece of the curve has been given yet.
+    they are, straight elements, as long as no piece of the curve has been given yet.
 
     Args:
         tolerance_mm: largest distance from the moves.
         rapid: the moves are rapids.
         start_mm: where it starts, shape (dimensions,).
-        direction: of the straight side it continues; None where it starts at a corner.
+        direction: of the straight element it continues; None where it starts at a corner.
     """
 
     def __init__(self, tolerance_mm: float, rapid: bool, start_mm: FloatArray, direction: FloatArray | None) -> None:
@@ -36,21 +36,21 @@ class Run:
         self._follows = direction is not None
         self._smoother: RunSmoother | None = RunSmoother(_TUBE_SHARE * tolerance_mm, direction)
         self._head = self._tail = start_mm[None, :]
-        self._held: Side | None = None
+        self._held: PathElement | None = None
         # Everything given to the smoother so far, until its first piece comes.
         self._given = [(start_mm[None, :], np.zeros(1, dtype=np.int64), np.zeros(1))]
         self._begun = False
 
-    def add(self, points_mm: FloatArray, lines: IntArray, feed_mm_s: FloatArray) -> Iterator[Side]:
-        """Sides that became final with moves to the points, shape (n, dimensions)."""
+    def add(self, points_mm: FloatArray, lines: IntArray, feed_mm_s: FloatArray) -> Iterator[PathElement]:
+        """Path elements that became final with moves to the points, shape (n, dimensions)."""
         if self._smoother is None:
-            yield from self._straight_sides(points_mm, lines, feed_mm_s)
+            yield from self._straight_elements(points_mm, lines, feed_mm_s)
             return
         if len(self._head) < _REFERENCE_POINTS:
             self._head = np.concatenate([self._head, points_mm])[:_REFERENCE_POINTS]
         self._tail = np.concatenate([self._tail, points_mm])[-_REFERENCE_POINTS:]
         if self._begun:
-            yield from self._sides(self._smoother.add(points_mm, lines, feed_mm_s))
+            yield from self._elements(self._smoother.add(points_mm, lines, feed_mm_s))
             return
         self._given.append((points_mm, lines, feed_mm_s))
         first = self._given if len(self._given) == 2 else self._given[-1:]
@@ -59,10 +59,10 @@ class Run:
         except ToolpathError:
             yield from self._give_up()
         else:
-            yield from self._sides(pieces)
+            yield from self._elements(pieces)
 
-    def finish(self, direction: FloatArray | None) -> Iterator[Side]:
-        """The rest; direction of the straight side that continues it, None where it ends at a corner."""
+    def finish(self, direction: FloatArray | None) -> Iterator[PathElement]:
+        """The rest; direction of the straight element that continues it, None where it ends at a corner."""
         if self._smoother is None:
             return
         try:
@@ -72,38 +72,42 @@ class Run:
                 raise
             yield from self._give_up()
             return
-        yield from self._sides(pieces)
+        yield from self._elements(pieces)
         if self._held is not None:
-            room_mm = min(ROOM_SHARE * self._held.length_mm, 0.9 * _length(self._tail))
-            yield replace(self._held, room_end_mm=room_mm, programmed_end_mm=self._tail)
+            available_mm = min(AVAILABLE_SHARE * self._held.length_mm, 0.9 * _length(self._tail))
+            yield replace(self._held, available_end_mm=available_mm, programmed_end_mm=self._tail)
         self._held = None
 
-    def _sides(self, pieces: list[RunPiece]) -> Iterator[Side]:
+    def _elements(self, pieces: list[RunPiece]) -> Iterator[PathElement]:
         for piece in pieces:
             self._begun = True
             self._given.clear()
             if self._held is not None:
                 yield self._held
             curve = NurbsSegment(UNPLACED, piece.curve, piece.arc_length_map)
-            side = Side(curve, piece.line, piece.feed_mm_s, self._tolerance_mm, self._rapid, follows=self._follows)
+            element = PathElement(
+                curve, piece.line, piece.feed_mm_s, self._tolerance_mm, self._rapid, follows=self._follows
+            )
             if not self._follows:
-                room_mm = min(ROOM_SHARE * curve.length_mm, 0.9 * _length(self._head))
-                side = replace(side, room_start_mm=room_mm, programmed_start_mm=self._head)
-            self._held, self._follows = side, True
+                available_mm = min(AVAILABLE_SHARE * curve.length_mm, 0.9 * _length(self._head))
+                element = replace(element, available_start_mm=available_mm, programmed_start_mm=self._head)
+            self._held, self._follows = element, True
 
-    def _give_up(self) -> Iterator[Side]:
-        """All moves so far as straight sides, and all to come."""
+    def _give_up(self) -> Iterator[PathElement]:
+        """All moves so far as straight elements, and all to come."""
         self._smoother = None
         points_mm, lines, feed_mm_s = _joined(self._given)
         self._tail = points_mm[:1]
         self._given.clear()
-        yield from self._straight_sides(points_mm[1:], lines[1:], feed_mm_s[1:])
+        yield from self._straight_elements(points_mm[1:], lines[1:], feed_mm_s[1:])
 
-    def _straight_sides(self, points_mm: FloatArray, lines: IntArray, feed_mm_s: FloatArray) -> Iterator[Side]:
+    def _straight_elements(
+        self, points_mm: FloatArray, lines: IntArray, feed_mm_s: FloatArray
+    ) -> Iterator[PathElement]:
         at_mm, least_mm = self._tail[-1], rounding_mm(points_mm)
         for end_mm, line, feed in zip(points_mm, lines, feed_mm_s, strict=True):
             if np.linalg.norm(end_mm - at_mm) > least_mm:
-                yield straight_side(at_mm, end_mm, int(line), float(feed), self._tolerance_mm, self._rapid)
+                yield straight_element(at_mm, end_mm, int(line), float(feed), self._tolerance_mm, self._rapid)
                 at_mm = end_mm
         self._tail = at_mm[None, :]
 

@@ -1,4 +1,4 @@
-"""Sides: the pieces of a programmed path between two joints, and the cutting of their curves."""
+"""Path elements: the pieces of a programmed path between two joints, and the cutting of their curves."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from feedopt_core.geometry.segments import NurbsSegment, PlanarSegment, Segment,
 
 UNPLACED = SegmentPlace(1, 1, 0.0)
 """Place of a curve that is no segment of a toolpath yet."""
-ROOM_SHARE = 0.49
-"""Part of a side that a blend at either end may replace; a little less than half, so that no sliver is left."""
+AVAILABLE_SHARE = 0.49
+"""Part of an element that a blend at either end may replace; a little less than half, so that no sliver is left."""
 _ROUNDING = 64.0 * float(np.finfo(np.float64).eps)
 _REFERENCE_SHARE = 2e-3
 _MOST_POINTS = 2000
 
 
 @dataclass(frozen=True)
-class Side:
+class PathElement:
     """A smooth piece of the path between two joints.
 
     Attributes:
@@ -33,8 +33,8 @@ class Side:
         tolerance_mm: largest distance of the smoothed from the programmed path here.
         rapid: a rapid.
         exact_stop: the machine comes to rest at its end.
-        follows: it continues the side before with the same direction and curvature, by construction.
-        room_start_mm, room_end_mm: length at its ends that blends may replace.
+        follows: it continues the element before with the same direction and curvature, by construction.
+        available_start_mm, available_end_mm: length at its ends that blends may replace.
         programmed_start_mm, programmed_end_mm: programmed points next to its ends, in order, where the curve itself is
             not the programmed one; they cover the room.
     """
@@ -46,8 +46,8 @@ class Side:
     rapid: bool = False
     exact_stop: bool = False
     follows: bool = False
-    room_start_mm: float = 0.0
-    room_end_mm: float = 0.0
+    available_start_mm: float = 0.0
+    available_end_mm: float = 0.0
     programmed_start_mm: FloatArray | None = None
     programmed_end_mm: FloatArray | None = None
 
@@ -82,13 +82,15 @@ def straight_curve(start_mm: FloatArray, end_mm: FloatArray) -> PlanarSegment:
     return PlanarSegment(SegmentKind.LINE, UNPLACED, length, start_mm, tangent, perpendicular(tangent), zero, 0.0, 0.0)
 
 
-def straight_side(
+def straight_element(
     start_mm: FloatArray, end_mm: FloatArray, line: int, feed_mm_s: float, tolerance_mm: float, rapid: bool
-) -> Side:
-    """Straight side between two points that differ, with the usual room at both ends."""
+) -> PathElement:
+    """Straight element between two points that differ, with the usual room at both ends."""
     curve = straight_curve(start_mm, end_mm)
-    room_mm = ROOM_SHARE * curve.length_mm
-    return Side(curve, line, feed_mm_s, tolerance_mm, rapid, room_start_mm=room_mm, room_end_mm=room_mm)
+    available_mm = AVAILABLE_SHARE * curve.length_mm
+    return PathElement(
+        curve, line, feed_mm_s, tolerance_mm, rapid, available_start_mm=available_mm, available_end_mm=available_mm
+    )
 
 
 def perpendicular(direction: FloatArray) -> FloatArray:
@@ -157,7 +159,7 @@ def curve_between(curve: NurbsCurve, start_u: float, end_u: float) -> NurbsCurve
     return NurbsCurve.from_control_net(degree, own_knots, net[:, :-1] / net[:, -1:], net[:, -1])
 
 
-def nurbs_side_curve(curve: NurbsCurve, line: int) -> NurbsSegment:
+def nurbs_element_curve(curve: NurbsCurve, line: int) -> NurbsSegment:
     """Curve with its arc-length map. Raises ToolpathError with the line of the program."""
     try:
         return NurbsSegment(UNPLACED, curve, map_arc_length(curve.evaluate, curve.joints))

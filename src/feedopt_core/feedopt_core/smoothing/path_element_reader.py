@@ -1,4 +1,4 @@
-"""From moves to sides: each straight move, arc and smooth part of a NURBS curve; runs of short moves as one curve."""
+"""From moves to path elements: straight moves, arcs, smooth parts of NURBS curves, curves for runs of short moves."""
 
 from __future__ import annotations
 
@@ -12,18 +12,25 @@ from feedopt_core.errors import ToolpathError
 from feedopt_core.geometry.nurbs import NurbsCurve
 from feedopt_core.geometry.segments import NurbsSegment, PlanarSegment, SegmentKind
 from feedopt_core.programs.moves import ArcMove, LineMoves, NurbsMove, PathMode
+from feedopt_core.smoothing.path_element import (
+    AVAILABLE_SHARE,
+    UNPLACED,
+    PathElement,
+    curve_between,
+    nurbs_element_curve,
+    rounding_mm,
+)
 from feedopt_core.smoothing.polyline import Polyline, PolylineKind
-from feedopt_core.smoothing.side import ROOM_SHARE, UNPLACED, Side, curve_between, nurbs_side_curve, rounding_mm
 
 _SPANS = 16
-"""Knot spans a side: a longer curve is divided so that it arrives in parts."""
+"""Knot spans an element: a longer curve is divided so that it arrives in parts."""
 _GAP = 1e-6
 _G2_TURN = 1e-7
 _G2_STEP = 1e-5
 
 
-class SideReader:
-    """Moves of one program in, sides out.
+class PathElementReader:
+    """Moves of one program in, elements out.
 
     Args:
         tolerance_mm: of feed moves without one of their own.
@@ -39,8 +46,8 @@ class SideReader:
         self._height_mm: float | None = None
         self._polyline: Polyline | None = None
 
-    def take(self, move: LineMoves | ArcMove | NurbsMove) -> Iterator[Side]:
-        """Sides that became final with a move. Raises ToolpathError, see :func:`~.stage.smooth`."""
+    def take(self, move: LineMoves | ArcMove | NurbsMove) -> Iterator[PathElement]:
+        """Path elements that became final with a move. Raises ToolpathError, see :func:`~.stage.smooth`."""
         if isinstance(move, LineMoves):
             yield from self._straight(move)
             return
@@ -55,13 +62,13 @@ class SideReader:
         else:
             yield from self._nurbs(move)
 
-    def flush(self) -> Iterator[Side]:
+    def flush(self) -> Iterator[PathElement]:
         """The straight moves held back: what comes next is none."""
         polyline, self._polyline = self._polyline, None
         if polyline is not None:
             yield from polyline.finish()
 
-    def _straight(self, move: LineMoves) -> Iterator[Side]:
+    def _straight(self, move: LineMoves) -> Iterator[PathElement]:
         start_mm, points_mm = self._begin(move.start_mm, int(move.lines[0])), self._flat(move.points_mm, move.lines)
         self._position_mm = points_mm[-1]
         kind = PolylineKind(self._tolerance(move.mode, move.rapid), move.rapid, move.mode)
@@ -70,7 +77,7 @@ class SideReader:
             self._polyline = Polyline(start_mm, kind)
         yield from self._polyline.add(points_mm, move.lines, move.feed_mm_s)
 
-    def _arc(self, move: ArcMove) -> Side:
+    def _arc(self, move: ArcMove) -> PathElement:
         start_mm = self._begin(move.start_mm, move.line)
         curve = _arc_curve(move)
         self._flat(np.stack([move.start_mm, move.end_mm]), np.full(2, move.line))
@@ -89,9 +96,9 @@ class SideReader:
                 0.0,
             )
         self._position_mm = move.end_mm[: self._dimensions]
-        return self._side(curve, move.line, move.feed_mm_s, move.mode, last=True)
+        return self._element(curve, move.line, move.feed_mm_s, move.mode, last=True)
 
-    def _nurbs(self, move: NurbsMove) -> Iterator[Side]:
+    def _nurbs(self, move: NurbsMove) -> Iterator[PathElement]:
         self._begin(move.control_points_mm[0], move.line)
         lines = np.full(len(move.control_points_mm), move.line)
         control_mm = self._flat(move.control_points_mm, lines)
@@ -105,11 +112,11 @@ class SideReader:
         self._position_mm = control_mm[-1]
         breaks, smooth = _breaks(whole)
         for index, (start_u, end_u) in enumerate(itertools.pairwise(breaks)):
-            curve = nurbs_side_curve(curve_between(whole, start_u, end_u), move.line)
+            curve = nurbs_element_curve(curve_between(whole, start_u, end_u), move.line)
             last = index == len(breaks) - 2
-            yield self._side(curve, move.line, move.feed_mm_s, move.mode, last=last, follows=smooth[index])
+            yield self._element(curve, move.line, move.feed_mm_s, move.mode, last=last, follows=smooth[index])
 
-    def _side(
+    def _element(
         self,
         curve: PlanarSegment | NurbsSegment,
         line: int,
@@ -118,17 +125,17 @@ class SideReader:
         *,
         last: bool,
         follows: bool = False,
-    ) -> Side:
-        room_mm = ROOM_SHARE * curve.length_mm
-        return Side(
+    ) -> PathElement:
+        available_mm = AVAILABLE_SHARE * curve.length_mm
+        return PathElement(
             curve,
             line,
             feed_mm_s,
             self._tolerance(mode, rapid=False),
             exact_stop=mode.exact_stop and last,
             follows=follows,
-            room_start_mm=room_mm,
-            room_end_mm=room_mm,
+            available_start_mm=available_mm,
+            available_end_mm=available_mm,
         )
 
     def _tolerance(self, mode: PathMode, rapid: bool) -> float:
