@@ -19,7 +19,6 @@ from rich.table import Table
 from feedopt_core.config_files import find_config
 from feedopt_core.geometry.toolpath import Toolpath
 from feedopt_core.machine.machine_file import Machine, load_machine
-from feedopt_core.motion.setpoints import InterpolatorParameters
 from feedopt_core.pipeline.plan_program import interpolate
 from feedopt_core.pipeline.read_program import open_program, read_program
 from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
@@ -76,7 +75,7 @@ def followed(machine: Machine, drives: str, method: str) -> Followed:
             chunks.append(chunk)
     position_mm = interpolate(toolpath, chunks, machine).position_mm
     position_mm = np.concatenate([position_mm, np.repeat(position_mm[-1:], _SETTLING_TICKS, axis=0)])
-    period_s = InterpolatorParameters().period_s
+    period_s = machine.period_s
     velocity_mm_s = np.gradient(position_mm, period_s, axis=0)
     acceleration_mm_s2 = np.gradient(velocity_mm_s, period_s, axis=0)
     router = SimulatedRouter(load_router_parameters(drives))

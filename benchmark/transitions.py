@@ -26,7 +26,6 @@ from feedopt_core.config_files import find_config
 from feedopt_core.geometry.toolpath import Toolpath
 from feedopt_core.machine.machine_file import Machine, load_machine
 from feedopt_core.motion.certificate import merge
-from feedopt_core.motion.setpoints import InterpolatorParameters
 from feedopt_core.pipeline.plan_program import interpolate
 from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 from feedopt_core.programs.contours import CurveMove, move_ends
@@ -133,7 +132,7 @@ def plan_moves(contour: str, way: str, moves: Iterable[Move], machine: Machine, 
             chunks.append(chunk)
     setpoints = interpolate(toolpath, chunks, machine)
     fine = [audit_profile(toolpath, chunk.profile, machine, chunk.t_start_s) for chunk in chunks]
-    period_s = InterpolatorParameters().period_s
+    period_s = machine.period_s
     audit = merge([*fine, audit_setpoints(setpoints.position_mm, setpoints.s_mm, period_s, machine)])
     fallbacks = sum(chunk.figures.fallback for chunk in chunks)
     return TransitionRow(contour, way, toolpath.end_mm, planner.committed_t_s, audit.worst.ratio, fallbacks)

@@ -137,9 +137,9 @@ def test_live_needs_the_parameters_of_then(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(
         recorded,
         "node_parameters",
-        lambda node: {**real(node), **({"period_s": 0.002} if node == "interpolator" else {})},
+        lambda node: {**real(node), **({"rest_before_ticks": 7} if node == "interpolator" else {})},
     )
-    with pytest.raises(ReplayInputError, match=r"interpolator ran with period_s = 0\.002"):
+    with pytest.raises(ReplayInputError, match=r"interpolator ran with rest_before_ticks = 7"):
         live._refuse_other_parameters(recorded)
 
 

@@ -14,7 +14,6 @@ from feedopt_core.geometry.segments import Segment
 from feedopt_core.geometry.toolpath import Toolpath
 from feedopt_core.machine.machine_file import Machine
 from feedopt_core.motion.certificate import merge
-from feedopt_core.motion.setpoints import InterpolatorParameters
 from feedopt_core.pipeline.plan_program import interpolate
 from feedopt_core.pipeline.survey import Survey, survey_program
 from feedopt_core.pipeline.warm_up import warm_up_planning
@@ -79,7 +78,7 @@ def plan_segments(segments: Sequence[Segment], machine: Machine, parameters: Pla
         planning_s += time.perf_counter() - began_s
     setpoints = interpolate(toolpath, chunks, machine)
     fine = [audit_profile(toolpath, chunk.profile, machine, chunk.t_start_s) for chunk in chunks]
-    period_s = InterpolatorParameters().period_s
+    period_s = machine.period_s
     audit = merge([*fine, audit_setpoints(setpoints.position_mm, setpoints.s_mm, period_s, machine)])
     fallbacks = sum(chunk.figures.fallback for chunk in chunks)
     return Motion(planner.committed_t_s, planning_s, len(chunks), fallbacks, audit.worst.ratio, audit.holds)

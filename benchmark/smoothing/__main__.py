@@ -28,7 +28,6 @@ from feedopt_core.geometry.nurbs import NurbsCurve
 from feedopt_core.geometry.segments import NurbsSegment, Segment, SegmentPlace
 from feedopt_core.geometry.toolpath import Toolpath
 from feedopt_core.machine.machine_file import Machine, load_machine
-from feedopt_core.motion.setpoints import InterpolatorParameters
 from feedopt_core.pipeline.plan_program import interpolate
 from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 from feedopt_core.programs.points_csv import read_points
@@ -117,7 +116,7 @@ def planned(segments: Sequence[Segment], machine: Machine) -> tuple[float, float
             chunks.append(chunk)
             planner.discard_before(chunk.s_start_mm)
     setpoints = interpolate(toolpath, chunks, machine)
-    period_s = InterpolatorParameters().period_s
+    period_s = machine.period_s
     audit = audit_setpoints(setpoints.position_mm, setpoints.s_mm, period_s, machine)
     return planner.committed_t_s, audit.worst.ratio
 

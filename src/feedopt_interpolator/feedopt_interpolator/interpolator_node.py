@@ -63,7 +63,7 @@ class InterpolatorNode(GraphNode[InterpolatorNodeParameters]):
         self._last_chunk = 0
         self._ticks = TickThread(
             self.publish_topic("/axis_setpoint"),
-            self.parameters.period_s,
+            self._machine.period_s,
             self.parameters.real_time_priority,
             TickEvents(ended=self._ended, failed=self._failed, starved=self._starved),
         )

@@ -174,6 +174,7 @@ def machine_to_message(machine: Machine) -> MachineMessage:
         axis_names=list(machine.axis_names),
         axis_map=doubles(machine.axis_matrix()),
         feed_limit_mm_s=machine.feed_limit_mm_s,
+        period_s=machine.period_s,
     )
     for name in _KINEMATIC_LIMITS:
         setattr(message, name, array("d", [math.nan if math.isinf(x) else x for x in getattr(machine, name)]))
@@ -207,6 +208,7 @@ def machine_from_message(message: MachineMessage) -> Machine:
         tracking_error_limit_mm=_known(message.tracking_error_limit_mm),
         tracking_error_reserve_mm=_known(message.tracking_error_reserve_mm),
         tracking=tracking,
+        period_s=message.period_s,
     )
 
 

@@ -186,6 +186,7 @@ class _Serialiser:
             yaml=MACHINE_YAML,
             axis_names=["X", "Y"],
             axis_map=np.eye(2).ravel(),
+            period_s=0.001,
             **{**rows, "feed_limit_mm_s": 150.0},
         )
 

@@ -89,7 +89,7 @@ def test_plan_writes_set_points_and_report(program: Path, tmp_path: Path) -> Non
         "audit",
     }
     assert document["audit_holds"] is True
-    assert {row["grid"] for row in document["audit"]} == {"fine", "1 kHz"}
+    assert {row["grid"] for row in document["audit"]} == {"fine", "set points"}
     assert values[-1, 0] == pytest.approx(document["motion_time_s"], abs=0.001)
     assert values[-1, 1] == pytest.approx(document["path_length_mm"], rel=1e-12)
 

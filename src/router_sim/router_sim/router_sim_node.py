@@ -9,8 +9,7 @@ from typing import Any
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 
-from feedopt_core.errors import ConfigError, FeedoptError, failure_of
-from feedopt_core.machine.machine_file import load_machine
+from feedopt_core.errors import FeedoptError, failure_of
 from feedopt_core.schema import parameter
 from feedopt_msgs.msg import AxisSetpoint, AxisState, NodeStatus
 from feedopt_node.graph_node import GraphNode
@@ -20,7 +19,7 @@ from feedopt_node.private_rclpy import PolledGroup, take_all
 from feedopt_node.run import run_node
 from feedopt_node.sequence import SequenceCheck
 from router_sim.conversions import fill_joint_state, fill_state, setpoint_rows
-from router_sim.machine_file import load_router_parameters
+from router_sim.machine_file import load_matching_router
 from router_sim.router import SimulatedRouter
 
 NODE_NAME = "router_sim"
@@ -40,17 +39,11 @@ class RouterSimNode(GraphNode[RouterSimNodeParameters]):
 
     def __init__(self) -> None:
         super().__init__(NODE_NAME, RouterSimNodeParameters)
-        axis_names = load_machine(self.parameters.machine).axis_names
-        drives = load_router_parameters(self.parameters.machine)
-        if drives.axis_names != axis_names:
-            raise ConfigError(
-                f"{self.parameters.machine}: section router_sim has the axes {', '.join(drives.axis_names)}, "
-                f"the machine {', '.join(axis_names)}"
-            )
+        drives = load_matching_router(self.parameters.machine)
         self._router = SimulatedRouter(drives)
         self._check = SequenceCheck("/axis_setpoint")
         self._state = AxisState()
-        self._joints = JointState(name=list(axis_names))
+        self._joints = JointState(name=list(drives.axis_names))
         self._sequence = 0
         self._s_mm = 0.0
         self._states = self.publish_topic("/axis_state")

@@ -19,6 +19,8 @@ from feedopt_core.errors import ConfigError
 from feedopt_core.schema import build, parameter
 
 COORDINATES = ("x", "y", "z")
+DEFAULT_PERIOD_S = 0.001
+"""Time between set points where the machine file gives none."""
 _SECTION = ("/**", "ros__parameters", "machine")
 
 
@@ -57,7 +59,7 @@ class Machine:
     ``control_limit_volts`` comes with ``drive`` and ``tracking_error_limit_mm`` with ``tracking``; both are None where
     the file gives no such model. ``tracking_error_reserve_mm`` is the part of the tracking error limit that a plan
     leaves to the servo: for what the quasi-static model leaves out, such as changes of jerk, friction reversals and
-    encoder counts (docs/decisions/0014).
+    encoder counts (docs/decisions/0014). ``period_s`` is the time between two set points: one for the whole graph.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Machine:
     tracking_error_limit_mm: tuple[float, ...] | None = None
     tracking_error_reserve_mm: tuple[float, ...] | None = None
     tracking: TrackingModel | None = None
+    period_s: float = DEFAULT_PERIOD_S
 
     @property
     def planned_tracking_error_mm(self) -> tuple[float, ...] | None:
@@ -132,6 +135,7 @@ def parse_machine(text: str, source: str) -> Machine:
         tracking_error_limit_mm=tracking.tracking_error_limit_mm if tracking else None,
         tracking_error_reserve_mm=tracking.tracking_error_reserve_mm if tracking else None,
         tracking=tracking.model() if tracking else None,
+        period_s=section.period_s,
     )
 
 
@@ -177,6 +181,9 @@ class _MachineSection:
         "Largest acceleration.", "mm/s^2", above=0.0, default=None
     )
     jerk_limit_mm_s3: tuple[float, ...] | None = _per_axis("Largest jerk.", "mm/s^3", above=0.0, default=None)
+    period_s: float = parameter(
+        "Time between set points.", default=DEFAULT_PERIOD_S, unit="s", at_least=1e-4, at_most=0.1
+    )
     drive: _LimitedDrive | None = parameter("Drive model of every axis.", default=None)
     tracking: _LimitedTracking | None = parameter("Tracking model of every axis.", default=None)
 

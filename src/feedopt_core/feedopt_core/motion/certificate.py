@@ -17,7 +17,7 @@ class AuditRow:
     """Worst case of one quantity on one axis.
 
     Attributes:
-        grid: ``fine`` (analytic, finer than the optimisation's mesh) or ``1 kHz`` (finite differences of set points).
+        grid: ``fine`` (analytic, finer than the optimisation's mesh) or ``set points`` (their finite differences).
         axis: name of the axis; empty for the feedrate along the path.
         quantity: feedrate, velocity, acceleration, jerk, control or tracking_error.
         value: largest size found, in the unit of the limit.

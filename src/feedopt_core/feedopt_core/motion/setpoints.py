@@ -27,7 +27,6 @@ _JOIN_MM = 1e-6
 class InterpolatorParameters:
     """Parameters of the interpolator; the same names stand in config/nodes/interpolator.yaml."""
 
-    period_s: float = parameter("Time between set points.", default=0.001, unit="s", at_least=1e-4, at_most=0.1)
     rest_before_ticks: int = parameter(
         "Set points at standstill before the motion.", default=50, at_least=0, at_most=10_000
     )
@@ -69,6 +68,7 @@ class SetpointStream:
         self.toolpath = Toolpath()
         self.starved_chunk_sequence = 0
         self._axis_matrix = machine.axis_matrix()
+        self._period_s = machine.period_s
         self._parameters = parameters
         self._chunks: deque[Chunk] = deque()
         self._next_tick = -parameters.rest_before_ticks
@@ -79,7 +79,7 @@ class SetpointStream:
     @property
     def motion_time_s(self) -> float:
         """Program time of the next set point (0 before the motion)."""
-        return max(0.0, self._next_tick * self._parameters.period_s - self._wait_s)
+        return max(0.0, self._next_tick * self._period_s - self._wait_s)
 
     def add_segment(self, segment: Segment) -> None:
         """Take in the next segment. Raises ToolpathError where it does not join the one before."""
@@ -126,7 +126,7 @@ class SetpointStream:
         self._find_end(int(ticks[-1]))
         if self._end_tick is not None:
             ticks = ticks[ticks <= self._end_tick]
-        t_s = np.asarray(ticks * self._parameters.period_s - self._wait_s, dtype=np.float64)
+        t_s = np.asarray(ticks * self._period_s - self._wait_s, dtype=np.float64)
         s, v, a, source = self._motion(t_s)
         points = self.toolpath.evaluate(s)
         k = self._axis_matrix
@@ -146,12 +146,11 @@ class SetpointStream:
     def _find_end(self, last_tick: int) -> None:
         """Where the last chunk ends in this block or before, the last tick; where any other does, the stop is taken."""
         newest = self._chunks[-1]
-        period = self._parameters.period_s
         if newest.last:
             # A hair of slack: a motion time that is a whole number of ticks must not gain one by rounding.
-            motion_end = int(np.ceil((newest.t_commit_s + newest.dwell_s + self._wait_s) / period - 1e-9))
+            motion_end = int(np.ceil((newest.t_commit_s + newest.dwell_s + self._wait_s) / self._period_s - 1e-9))
             self._end_tick = motion_end + self._parameters.rest_after_ticks
-        elif last_tick * period - self._wait_s >= newest.t_commit_s + newest.dwell_s:
+        elif last_tick * self._period_s - self._wait_s >= newest.t_commit_s + newest.dwell_s:
             self.starved_chunk_sequence = newest.sequence
 
     def _motion(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:

@@ -104,8 +104,7 @@ def plan_program(
         raise SolverError(f"planning ended at s = {planner.committed_s_mm:g} of {toolpath.end_mm:g} mm")
     setpoints = interpolate(toolpath, chunks, machine)
     fine = [audit_profile(toolpath, chunk.profile, machine, chunk.t_start_s) for chunk in chunks]
-    period_s = InterpolatorParameters().period_s
-    sampled = audit_setpoints(setpoints.position_mm, setpoints.s_mm, period_s, machine)
+    sampled = audit_setpoints(setpoints.position_mm, setpoints.s_mm, machine.period_s, machine)
     audit = merge([*fine, sampled])
     deviation = None
     if program.kind is not ProgramKind.POINTS:
@@ -129,7 +128,7 @@ def interpolate(toolpath: Toolpath, chunks: list[Chunk], machine: Machine) -> Se
     tool_mm = toolpath.evaluate(s_mm).r_mm
     return Setpoints(
         tick=(ticks := np.concatenate([block.tick for block in blocks])),
-        t_s=ticks * InterpolatorParameters().period_s,
+        t_s=ticks * machine.period_s,
         s_mm=s_mm,
         v_mm_s=np.concatenate([block.v_mm_s for block in blocks]),
         position_mm=np.concatenate([block.position_mm for block in blocks]),

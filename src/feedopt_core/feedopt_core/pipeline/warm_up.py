@@ -42,7 +42,7 @@ def warm_up_planning() -> None:
         stream.add_chunk(chunk)
     block = stream.next_block(1000)
     assert block is not None
-    audit_setpoints(block.position_mm, block.s_mm, parameters.period_s, machine)
+    audit_setpoints(block.position_mm, block.s_mm, machine.period_s, machine)
 
 
 @cache

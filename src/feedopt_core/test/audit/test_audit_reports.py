@@ -69,7 +69,7 @@ def test_sound_plan_passes_on_both_grids(planned: PlannedPath, setpoints: Setpoi
     assert {(row.quantity, row.axis) for row in fine.rows} == axes | {("feedrate", "")}
     assert {(row.quantity, row.axis) for row in grid.rows} == axes
     assert {row.grid for row in fine.rows} == {"fine"}
-    assert {row.grid for row in grid.rows} == {"1 kHz"}
+    assert {row.grid for row in grid.rows} == {"set points"}
 
 
 def test_fine_grid_sees_what_the_set_points_see(planned: PlannedPath, setpoints: Setpoints) -> None:
@@ -110,7 +110,7 @@ def test_drive_rows_are_the_models_of_the_differences(setpoints: Setpoints) -> N
 
 @pytest.mark.parametrize("quantity", LIMIT_OF)
 @pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("grid", ["fine", "1 kHz"])
+@pytest.mark.parametrize("grid", ["fine", "set points"])
 def test_exceeded_limit_is_found_by_quantity_and_axis(
     planned: PlannedPath, setpoints: Setpoints, quantity: str, axis: int, grid: str
 ) -> None:
@@ -212,13 +212,13 @@ def test_worst_row_is_the_one_that_is_not_a_number() -> None:
 
 
 def test_merging_keeps_the_worst_of_each_row() -> None:
-    first = AuditReport((row(0.5), row(0.9, "Y"), row(0.4, grid="1 kHz")))
+    first = AuditReport((row(0.5), row(0.9, "Y"), row(0.4, grid="set points")))
     second = AuditReport((row(0.7), row(0.8, "Y"), row(0.3, quantity="velocity")))
     merged = merge([first, second])
     assert [(found.axis, found.quantity, found.grid, found.ratio) for found in merged.rows] == [
         ("X", "jerk", "fine", 0.7),
         ("Y", "jerk", "fine", 0.9),
-        ("X", "jerk", "1 kHz", 0.4),
+        ("X", "jerk", "set points", 0.4),
         ("X", "velocity", "fine", 0.3),
     ]
 
@@ -229,7 +229,7 @@ def test_merging_never_loses_a_ratio_that_is_not_a_number() -> None:
 
 
 def test_rows_as_plain_data() -> None:
-    report = AuditReport((row(0.5), row(0.4, grid="1 kHz")))
+    report = AuditReport((row(0.5), row(0.4, grid="set points")))
     assert report.as_list()[0] == {
         "grid": "fine",
         "axis": "X",

@@ -142,8 +142,9 @@ def test_motion_time_of_whole_ticks_gains_no_tick() -> None:
 
 
 @pytest.mark.parametrize("period_s", [0.0005, 0.002, 0.01])
-def test_period_is_a_parameter(planned: PlannedPath, period_s: float) -> None:
-    block = drained(stream_of(planned, InterpolatorParameters(period_s, 0, 0)), [1000])
+def test_period_is_that_of_the_machine(planned: PlannedPath, period_s: float) -> None:
+    of_machine = replace(planned, machine=replace(planned.machine, period_s=period_s))
+    block = drained(stream_of(of_machine, InterpolatorParameters(0, 0)), [1000])
     assert block.tick[-1] == int(np.ceil(planned.motion_time_s / period_s - 1e-9))
     assert block.s_mm[-1] == pytest.approx(planned.toolpath.end_mm, abs=1e-12)
 

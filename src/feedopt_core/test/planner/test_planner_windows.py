@@ -45,7 +45,7 @@ def test_fan_contour_on_case_a_is_fast_and_holds() -> None:
     plan = plan_program(fan_contour(), load_machine("case_a"), PlannerParameters())
     assert plan.motion_time_s <= 6.31
     assert plan.audit.holds
-    assert {row.grid for row in plan.audit.rows} == {"fine", "1 kHz"}
+    assert {row.grid for row in plan.audit.rows} == {"fine", "set points"}
     assert max(difference_ratios(plan.setpoints.position_mm, load_machine("case_a")).values()) <= ALLOWED_RATIO
     assert len(plan.chunks) > 3
     assert plan.setpoints.t_s[-1] == pytest.approx(plan.motion_time_s, abs=1e-3)

@@ -10,18 +10,18 @@ from feedopt_recorder.bags.messages import TopicMessages
 from feedopt_recorder.bags.run_data import SetpointArrays, StateArrays, StatusRow
 
 
-def setpoints_from_topic(topic: TopicMessages) -> SetpointArrays:
+def setpoints_from_topic(topic: TopicMessages, period_s: float) -> SetpointArrays:
     """Set points of ``/axis_setpoint``. Raises BagForeignError where the messages do not share one layout."""
     columns = topic.columns()
     stamp_ns = columns.pop("stamp.sec").astype("i8") * NS_PER_S + columns.pop("stamp.nanosec")
-    return SetpointArrays(stamp_ns=stamp_ns, received_ns=topic.log_ns, **columns)
+    return SetpointArrays(stamp_ns=stamp_ns, received_ns=topic.log_ns, period_s=period_s, **columns)
 
 
-def states_from_topic(topic: TopicMessages) -> StateArrays:
+def states_from_topic(topic: TopicMessages, period_s: float) -> StateArrays:
     """States of ``/axis_state``. Raises BagForeignError where the messages do not share one layout."""
     columns = topic.columns()
     stamp_ns = columns.pop("stamp.sec").astype("i8") * NS_PER_S + columns.pop("stamp.nanosec")
-    return StateArrays(stamp_ns=stamp_ns, received_ns=topic.log_ns, **columns)
+    return StateArrays(stamp_ns=stamp_ns, received_ns=topic.log_ns, period_s=period_s, **columns)
 
 
 def status_from_message(message: Any, received_ns: int) -> StatusRow:

@@ -28,9 +28,15 @@ def _migrate_chunk(message: Any) -> None:
 
 def _migrate_machine(message: Any) -> None:
     """Before axes could mix coordinates, each followed one: its row of the axis map has a single 1. No reserve yet."""
+    _migrate_period(message)
     rows = np.eye(int(max(message.coordinate)) + 1)
     message.tracking_error_reserve_mm = np.empty(0)
     message.axis_map = rows[np.asarray(message.coordinate, dtype=np.intp)].ravel()
+
+
+def _migrate_period(message: Any) -> None:
+    """Before the machine carried its period, set points came every millisecond."""
+    message.period_s = 0.001
 
 
 def _migrate_status(message: Any) -> None:
@@ -48,8 +54,9 @@ MIGRATIONS: Mapping[tuple[str, frozenset[str], frozenset[str]], Callable[[Any], 
     (
         "feedopt_msgs/msg/Machine",
         frozenset({"coordinate"}),
-        frozenset({"axis_map", "tracking_error_reserve_mm"}),
+        frozenset({"axis_map", "tracking_error_reserve_mm", "period_s"}),
     ): _migrate_machine,
+    ("feedopt_msgs/msg/Machine", frozenset(), frozenset({"period_s"})): _migrate_period,
     ("feedopt_msgs/msg/NodeStatus", frozenset(), frozenset({"failure"})): _migrate_status,
 }
 """Type, fields that only the bag has, fields that only this version has: what makes one of the other."""

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from feedopt_core.machine.machine_file import DEFAULT_PERIOD_S
 from feedopt_node.conversions import chunk_from_message, machine_from_message, segment_from_message
 from feedopt_recorder.bags.conversions import (
     setpoints_from_topic,
@@ -46,8 +47,11 @@ def read_bag(path: Path, program_id: int | None = None, *, allow_truncated: bool
     """
     contents = read_messages(path, tuple(_TYPES), allow_truncated=allow_truncated)
     _check_types(contents)
-    setpoints = _samples(contents, SETPOINTS, setpoints_from_topic, _no_setpoints)
-    states = _samples(contents, STATES, states_from_topic, _no_states)
+    machines = _objects(contents, "/machine")
+    machine = machine_from_message(machines[-1]) if machines else None
+    period_s = DEFAULT_PERIOD_S if machine is None else machine.period_s
+    setpoints = _samples(contents, SETPOINTS, period_s, setpoints_from_topic, _no_setpoints)
+    states = _samples(contents, STATES, period_s, states_from_topic, _no_states)
     segments, chunks = _objects(contents, "/toolpath"), _objects(contents, "/feed_profile")
     program_ids = sorted(
         {*np.unique(setpoints.program_id).tolist(), *(int(message.program_id) for message in (*segments, *chunks))}
@@ -57,12 +61,11 @@ def read_bag(path: Path, program_id: int | None = None, *, allow_truncated: bool
     chosen = program_ids[-1] if program_id is None else program_id
     if chosen not in program_ids:
         raise BagEmptyError(f"{path}: holds no program {chosen}; it holds {', '.join(map(str, program_ids))}")
-    machines = _objects(contents, "/machine")
     return RunData(
         path=path,
         program_id=chosen,
         program_ids=tuple(program_ids),
-        machine=machine_from_message(machines[-1]) if machines else None,
+        machine=machine,
         setpoints=setpoints.of_program(chosen),
         states=states.of_program(chosen),
         chunks=tuple(chunk_from_message(message) for message in chunks if message.program_id == chosen),
@@ -81,12 +84,12 @@ def _check_types(contents: BagContents) -> None:
             raise BagForeignError(f"{contents.path}: {topic.name} is {topic.type_name}, not {_TYPES[topic.name]}")
 
 
-def _samples(contents: BagContents, name: str, convert: Any, none: Any) -> Any:
+def _samples(contents: BagContents, name: str, period_s: float, convert: Any, none: Any) -> Any:
     topic = contents.topics.get(name)
     if topic is None or not len(topic):
-        return none()
+        return none(period_s)
     migration(topic.definitions, topic.type_name)
-    return convert(topic)
+    return convert(topic, period_s)
 
 
 def _objects(contents: BagContents, name: str) -> list[Any]:
@@ -103,16 +106,16 @@ def _statuses(contents: BagContents) -> tuple[Any, ...]:
     return tuple(status_from_message(message, time_ns) for message, time_ns in zip(messages, times, strict=True))
 
 
-def _no_rows() -> dict[str, Any]:
+def _no_rows(period_s: float) -> dict[str, Any]:
     whole = np.empty(0, dtype=np.int64)
     names = ("stamp_ns", "received_ns", "program_id", "sequence", "tick")
-    return {**dict.fromkeys(names, whole), "last": np.empty(0, dtype=bool)}
+    return {**dict.fromkeys(names, whole), "last": np.empty(0, dtype=bool), "period_s": period_s}
 
 
-def _no_setpoints() -> SetpointArrays:
+def _no_setpoints(period_s: float) -> SetpointArrays:
     scalar, rows = np.empty(0), np.empty((0, 0))
     return SetpointArrays(
-        **_no_rows(),
+        **_no_rows(period_s),
         chunk_sequence=np.empty(0, dtype=np.int64),
         s_mm=scalar,
         feedrate_mm_s=scalar,
@@ -123,10 +126,10 @@ def _no_setpoints() -> SetpointArrays:
     )
 
 
-def _no_states() -> StateArrays:
+def _no_states(period_s: float) -> StateArrays:
     rows = np.empty((0, 0))
     return StateArrays(
-        **_no_rows(),
+        **_no_rows(period_s),
         setpoint_sequence=np.empty(0, dtype=np.int64),
         reference_mm=rows,
         position_mm=rows,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,7 +16,6 @@ from feedopt_core.machine.machine_file import Machine
 from feedopt_core.motion.chunk import Chunk
 from feedopt_msgs.msg import NodeStatus
 
-TICK_S = 0.001
 _STATE_NAMES = {getattr(NodeStatus, name): name for name in ("STARTING", "READY", "RUNNING", "DONE", "FAULT")}
 
 T = TypeVar("T", bound="SampleArrays")
@@ -30,6 +29,7 @@ class SampleArrays:
         stamp_ns: wall-clock time when the sample was due, ns since the epoch.
         received_ns: when the recorder received it.
         program_id, sequence, tick, last: as in the message.
+        period_s: time between two samples.
     """
 
     stamp_ns: IntArray
@@ -38,6 +38,7 @@ class SampleArrays:
     sequence: IntArray
     tick: IntArray
     last: NDArray[np.bool_]
+    period_s: float
 
     def __len__(self) -> int:
         return len(self.tick)
@@ -45,13 +46,14 @@ class SampleArrays:
     @property
     def t_s(self) -> FloatArray:
         """Motion time, s: 0 at the start of motion, negative at rest before it."""
-        return np.asarray(self.tick * TICK_S, dtype=np.float64)
+        return np.asarray(self.tick * self.period_s, dtype=np.float64)
 
     def of_program(self: T, program_id: int) -> T:
         """The rows of one program."""
         rows: NDArray[np.bool_] = self.program_id == program_id
-        values: dict[str, Any] = {field.name: getattr(self, field.name)[rows] for field in fields(self)}
-        return type(self)(**values)
+        arrays = [field.name for field in fields(self) if field.name != "period_s"]
+        values: dict[str, Any] = {name: getattr(self, name)[rows] for name in arrays}
+        return replace(self, **values)
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,7 @@ class RunData:
         path: the bag.
         program_id: the program; ``program_ids`` are all that the bag holds.
         machine: None where the bag has no ``/machine``.
-        setpoints, states: at 1 kHz; without rows where they were not recorded.
+        setpoints, states: one a period; without rows if they were not recorded.
         chunks, segments: in order.
         statuses: of every node and program, in order of arrival.
         provenance: MCAP metadata records, by name.

@@ -13,7 +13,7 @@ from feedopt_core.audit.setpoints import audit_setpoints
 from feedopt_core.errors import ConfigError
 from feedopt_core.motion.certificate import AuditReport
 from feedopt_recorder.bags.check_bag import Finding, check_run
-from feedopt_recorder.bags.run_data import TICK_S, RunData
+from feedopt_recorder.bags.run_data import RunData
 from feedopt_recorder.run_folder import SUMMARY_NAME
 from feedopt_tools.views.signals.signals import Quantity, signals_of
 
@@ -87,7 +87,7 @@ def judge_run(run: RunData) -> Judgement:
         )
     setpoints = run.setpoints
     audit = audit_setpoints(
-        setpoints.position_mm, setpoints.s_mm, TICK_S, run.machine, t_start_s=float(setpoints.t_s[0])
+        setpoints.position_mm, setpoints.s_mm, setpoints.period_s, run.machine, t_start_s=float(setpoints.t_s[0])
     )
     lateness = setpoints.lateness_s
     p50_s, p99_s = np.percentile(lateness, [50, 99])
@@ -98,7 +98,11 @@ def judge_run(run: RunData) -> Judgement:
         audit=audit,
         findings=check_run(run),
         punctuality=Punctuality(
-            len(setpoints), float(p50_s), float(p99_s), int(np.sum(lateness >= TICK_S)), span - len(setpoints)
+            len(setpoints),
+            float(p50_s),
+            float(p99_s),
+            int(np.sum(lateness >= setpoints.period_s)),
+            span - len(setpoints),
         ),
         tracking=_tracking(run),
         recorded_messages=messages,

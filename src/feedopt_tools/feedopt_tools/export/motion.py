@@ -12,7 +12,6 @@ from feedopt_core.arrays import FloatArray, IntArray
 from feedopt_core.geometry.segments import Segment
 from feedopt_core.geometry.toolpath import Toolpath
 from feedopt_core.machine.machine_file import Machine
-from feedopt_core.motion.setpoints import InterpolatorParameters
 from feedopt_core.pipeline.plan_program import Plan
 from feedopt_recorder.bags.run_data import RunData
 from feedopt_tools.errors import ExportError
@@ -104,7 +103,7 @@ def motion_of_run(run: RunData) -> Motion:
 
 def motion_of_plan(plan: Plan, machine: Machine, path: Path) -> Motion:
     """Motion of a planned program; velocities and accelerations of the axes are central differences."""
-    setpoints, period_s = plan.setpoints, InterpolatorParameters().period_s
+    setpoints, period_s = plan.setpoints, machine.period_s
     padded = np.pad(setpoints.position_mm, ((1, 1), (0, 0)), mode="edge")
     return Motion(
         name=path.name,

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from feedopt_core.arrays import FloatArray, IntArray
-from feedopt_core.motion.setpoints import InterpolatorParameters
 from feedopt_recorder.bags.run_data import RunData
 from feedopt_tools.errors import ExportError
 from feedopt_tools.export.motion import Motion
@@ -22,7 +21,7 @@ def rows_every(motion: Motion, period_s: float) -> IntArray:
     Raises:
         ExportError: the period is no multiple of that of the set points.
     """
-    own_s = InterpolatorParameters().period_s
+    own_s = motion.machine.period_s
     step = round(period_s / own_s)
     if step < 1 or abs(step * own_s - period_s) > 1e-9:
         raise ExportError(f"the period is {period_s:g} s, must be a multiple of the set points' {own_s:g} s")

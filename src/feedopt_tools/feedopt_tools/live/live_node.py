@@ -60,11 +60,13 @@ class LiveNode(Node):
             # The axes are unknown until /machine arrives. It is latched.
             return
         if batches[_SETPOINTS]:
-            setpoints = setpoints_from_topic(self._topic(_SETPOINTS, batches[_SETPOINTS]))
+            topic = self._topic(_SETPOINTS, batches[_SETPOINTS])
+            setpoints = setpoints_from_topic(topic, drawing.machine.period_s)
             drawing.add_setpoints(setpoints)
             self.drawn_setpoints += len(setpoints)
         if batches[_STATES]:
-            drawing.add_states(states_from_topic(self._topic(_STATES, batches[_STATES])))
+            topic = self._topic(_STATES, batches[_STATES])
+            drawing.add_states(states_from_topic(topic, drawing.machine.period_s))
         for message, _ in take_all(self._chunks):
             drawing.add_chunk(chunk_from_message(message))
         for message, _ in take_all(self._statuses):

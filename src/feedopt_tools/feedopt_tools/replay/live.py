@@ -19,8 +19,8 @@ from feedopt_tools.replay.recorded_program import RecordedProgram
 from feedopt_tools.replay.stages import STAGES
 
 _DOMAINS = range(100, 0, -1)
-# Parameters that the run sets itself or takes from its options.
-_OWN = frozenset({"machine", "present_nodes", "bag_directory", "provenance_file", "method"})
+# Parameters that the run sets itself or takes from its options; the period stands in the machine file today.
+_OWN = frozenset({"machine", "present_nodes", "bag_directory", "provenance_file", "method", "period_s"})
 
 
 def record_again(recorded: RecordedProgram, directory: Path, stage: Callable[[str], None]) -> Path:

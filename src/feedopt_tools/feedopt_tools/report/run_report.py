@@ -242,7 +242,7 @@ class _Report:
                 f"p50 {np.percentile(late_ms, 50):.3f} ms, p99 {np.percentile(late_ms, 99):.3f} ms, "
                 f"largest {np.max(late_ms):.3f} ms",
             ),
-            ("late by a period or more", str(int(np.sum(late_ms >= 1.0)))),
+            ("late by a period or more", str(int(np.sum(late_ms >= 1e3 * self.run.setpoints.period_s)))),
         ]
         if self.judgement is not None:
             rows += [

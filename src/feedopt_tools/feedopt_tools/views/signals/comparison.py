@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
-from feedopt_recorder.bags.run_data import TICK_S
 from feedopt_recorder.run_folder import BAG_NAME
 from feedopt_tools.errors import ViewError
 from feedopt_tools.views.signals.limit_use import path_weight_mm
@@ -119,7 +118,8 @@ class _Common:
     def __init__(self, first: RunSignals, second: RunSignals) -> None:
         self.pair = (first, second)
         start_s, end_s = min(first.t_s[0], second.t_s[0]), max(first.t_s[-1], second.t_s[-1])
-        self.t_s = TICK_S * np.arange(round(start_s / TICK_S), round(end_s / TICK_S) + 1)
+        period_s = first.run.setpoints.period_s
+        self.t_s = period_s * np.arange(round(start_s / period_s), round(end_s / period_s) + 1)
         # Where the machine waits, its arc length counts once: at arrival.
         self.rows = tuple(np.concatenate([[True], np.diff(one.s_mm) > _LEAST_STEP_MM]) for one in self.pair)
         s_mm = first.s_mm[self.rows[0]]

@@ -10,7 +10,6 @@ import numpy as np
 from feedopt_core.arrays import FloatArray
 from feedopt_core.units import NS_PER_S
 from feedopt_recorder.bags.check_bag import check_run
-from feedopt_recorder.bags.run_data import TICK_S
 from feedopt_tools.views.signals.signals import RunSignals
 
 _MANY = 500
@@ -67,7 +66,7 @@ def node_states(signals: RunSignals) -> tuple[NodeState, ...]:
 def motion_time_of(signals: RunSignals, received_ns: int) -> float:
     """Motion time at a wall-clock time, limited to the recorded motion."""
     setpoints = signals.run.setpoints
-    zero_ns = int(setpoints.stamp_ns[0]) - round(float(setpoints.tick[0]) * TICK_S * NS_PER_S)
+    zero_ns = int(setpoints.stamp_ns[0]) - round(float(setpoints.tick[0]) * setpoints.period_s * NS_PER_S)
     t_s = (received_ns - zero_ns) / NS_PER_S
     return float(np.clip(t_s, signals.t_s[0], signals.t_s[-1]))
 
@@ -124,7 +123,7 @@ def _status_events(signals: RunSignals) -> Iterator[RunEvent]:
 
 def _late_ticks(signals: RunSignals) -> Iterator[RunEvent]:
     """Stretches of set points that were late by a period or more. Stretches close together are merged."""
-    late = np.flatnonzero(signals.lateness_ms >= 1e3 * TICK_S)
+    late = np.flatnonzero(signals.lateness_ms >= 1e3 * signals.run.setpoints.period_s)
     if not len(late):
         return
     for stretch in np.split(late, np.flatnonzero(np.diff(late) > _APART_TICKS) + 1)[:_MANY]:

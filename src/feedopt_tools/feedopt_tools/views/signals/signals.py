@@ -9,7 +9,7 @@ import numpy as np
 from feedopt_core.arrays import FloatArray
 from feedopt_core.audit.quantities import AxisMotion, control_signal, tracking_error
 from feedopt_core.machine.machine_file import Machine
-from feedopt_recorder.bags.run_data import TICK_S, RunData, SetpointArrays
+from feedopt_recorder.bags.run_data import RunData, SetpointArrays
 from feedopt_tools.errors import ViewError
 
 
@@ -112,7 +112,7 @@ def speed_pieces(s_mm: FloatArray, count: int) -> list[tuple[int, int]]:
 
 def jerk_of(setpoints: SetpointArrays) -> FloatArray:
     """Mean jerk of each axis between a set point and the one before, mm/s^3, shape (n, axes); zero for the first."""
-    steps_s = np.maximum(np.diff(setpoints.tick), 1)[:, None] * TICK_S
+    steps_s = np.maximum(np.diff(setpoints.tick), 1)[:, None] * setpoints.period_s
     jerk = np.diff(setpoints.acceleration_mm_s2, axis=0) / steps_s
     return np.asarray(np.concatenate([np.zeros((1, jerk.shape[1])), jerk]))
 
