@@ -3,99 +3,109 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
-from feedopt_core.arrays import FloatArray
-from feedopt_core.geometry.path_kernels import COLUMNS, path_points
+from feedopt_core.arrays import FloatArray, RecordArray
+from feedopt_core.geometry.path_kernels import PIECE, path_points
 from feedopt_core.geometry.path_points import PathPoints
+
+_Tables: TypeAlias = tuple[FloatArray, RecordArray, FloatArray, int]
+"""Starts, pieces, spans of the curves, and the place of the first of these, as ``path_points`` takes them."""
 
 
 @dataclass(frozen=True)
 class PackedSegment:
-    """Rows of one segment, counted from its own start.
+    """Pieces of one segment, counted from its own start.
 
     Attributes:
         dimensions: 2 or 3.
-        starts_mm: arc length at the start of each row, shape (m,), first 0.
-        rows: shape (m, COLUMNS).
+        starts_mm: arc length at the start of each piece, shape (m,), first 0.
+        pieces: of type PIECE, shape (m,).
         curve: spans of its curve, flat; empty for planar segments.
     """
 
     dimensions: int
     starts_mm: FloatArray
-    rows: FloatArray
+    pieces: RecordArray
     curve: FloatArray
 
     def points(self, s_mm: FloatArray) -> PathPoints:
         """Path at arc lengths from the start of the segment, shape (n,)."""
-        return _points((self.starts_mm, self.rows, self.curve, 0), s_mm, self.dimensions)
+        return _points((self.starts_mm, self.pieces, self.curve, 0), s_mm, self.dimensions)
 
 
 class Queue:
-    """Rows appended behind and dropped in front, contiguous at any time; memory follows what is held.
+    """Values appended behind and dropped in front, contiguous at any time; memory follows what is held.
+
+    Args:
+        dtype: of the values.
 
     Attributes:
-        dropped: number of rows dropped so far.
+        dropped: number of values dropped so far.
     """
 
-    def __init__(self, *width: int) -> None:
-        self._rows = np.empty((64, *width))
+    def __init__(self, dtype: DTypeLike = np.float64) -> None:
+        self._values: NDArray[Any] = np.empty(64, dtype)
         self._first = self._end = self.dropped = 0
 
     def __len__(self) -> int:
-        """Number of rows held."""
+        """Number of values held."""
         return self._end - self._first
 
     @property
-    def held(self) -> FloatArray:
-        """The rows, a view: valid until the next change."""
-        return self._rows[self._first : self._end]
+    def held(self) -> NDArray[Any]:
+        """The values, a view: valid until the next change."""
+        return self._values[self._first : self._end]
 
-    def append(self, rows: FloatArray) -> None:
-        """Take in rows, shape (n, *width)."""
-        if self._end + len(rows) > len(self._rows):
-            self._move(max(64, 2 * (len(self) + len(rows))))
-        self._rows[self._end : self._end + len(rows)] = rows
-        self._end += len(rows)
+    def append(self, values: NDArray[Any]) -> None:
+        """Take in values, shape (n,)."""
+        if self._end + len(values) > len(self._values):
+            self._move(max(64, 2 * (len(self) + len(values))))
+        self._values[self._end : self._end + len(values)] = values
+        self._end += len(values)
 
     def drop(self, count: int) -> None:
-        """Forget the first rows."""
+        """Forget the first values."""
         self._first += count
         self.dropped += count
-        if len(self._rows) > 64 and 8 * len(self) < len(self._rows):
+        if len(self._values) > 64 and 8 * len(self) < len(self._values):
             self._move(max(64, 2 * len(self)))
 
     def shorten(self, count: int) -> None:
-        """Forget the last rows."""
+        """Forget the last values."""
         self._end -= count
 
-    def _move(self, room: int) -> None:
-        rows = np.empty((room, *self._rows.shape[1:]))
-        rows[: len(self)] = self.held
-        self._rows, self._first, self._end = rows, 0, len(self)
+    def _move(self, size: int) -> None:
+        values = np.empty(size, self._values.dtype)
+        values[: len(self)] = self.held
+        self._values, self._first, self._end = values, 0, len(self)
 
 
 class PackedPath:
-    """Rows of consecutive segments, counted from the start of the program."""
+    """Pieces of consecutive segments, counted from the start of the program."""
 
     def __init__(self, dimensions: int) -> None:
         self.dimensions = dimensions
-        self._starts, self._rows, self._curve = Queue(), Queue(COLUMNS), Queue()
+        self._starts, self._pieces, self._curve = Queue(), Queue(PIECE), Queue()
 
     def append(self, segment: PackedSegment, s_start_mm: float) -> None:
         """Take in the next segment."""
         self._starts.append(segment.starts_mm + s_start_mm)
-        rows = segment.rows.copy()
-        rows[:, 0] += s_start_mm
-        rows[:, 14:17] += self._curve.dropped + len(self._curve) if len(segment.curve) else 0.0
-        self._rows.append(rows)
+        pieces = segment.pieces.copy()
+        pieces["segment_start_mm"] += s_start_mm
+        if len(segment.curve):
+            for place in ("first_span", "last_span", "own_span"):
+                pieces[place] += self._curve.dropped + len(self._curve)
+        self._pieces.append(pieces)
         self._curve.append(segment.curve)
 
     def drop(self, segment: PackedSegment) -> None:
         """Forget the first segment, which is this one."""
-        self._starts.drop(len(segment.rows))
-        self._rows.drop(len(segment.rows))
+        self._starts.drop(len(segment.pieces))
+        self._pieces.drop(len(segment.pieces))
         self._curve.drop(len(segment.curve))
 
     def points(self, s_mm: FloatArray) -> PathPoints:
@@ -108,11 +118,11 @@ class PackedPath:
         path_points(*self._tables(), _contiguous(s_mm), np.empty((0, self.dimensions)), derivatives)
         return derivatives
 
-    def _tables(self) -> tuple[FloatArray, FloatArray, FloatArray, int]:
-        return self._starts.held, self._rows.held, self._curve.held, self._curve.dropped
+    def _tables(self) -> _Tables:
+        return self._starts.held, self._pieces.held, self._curve.held, self._curve.dropped
 
 
-def _points(tables: tuple[FloatArray, FloatArray, FloatArray, int], s_mm: FloatArray, dimensions: int) -> PathPoints:
+def _points(tables: _Tables, s_mm: FloatArray, dimensions: int) -> PathPoints:
     r, derivatives = np.empty((len(s_mm), dimensions)), np.empty((3, len(s_mm), dimensions))
     path_points(*tables, _contiguous(s_mm), r, derivatives)
     return PathPoints(r, *derivatives)

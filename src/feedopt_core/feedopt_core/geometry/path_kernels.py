@@ -1,15 +1,9 @@
 """Position and derivatives from arc length, compiled: one pass over points, whatever the segments they lie on.
 
-A planar segment is one row, a NURBS segment one row for each piece of its arc-length map. Columns of a row:
-
-    0 start of its segment, 1 length of its segment, 2 kind
-    PLANAR  3 slope, 4 curvature, 5 sharpness, 6 start[3], 9 tangent[3], 12 normal[3], 15 rise[3]
-    NURBS   3 start in the segment, 4 length, 5 u(z)[8], lowest power first, 13 degree,
-            14 first, 15 last, 16 own span of the curve
-
-(slope: in-plane part of the tangent). A span of a curve is a stretch of one flat array: the parameter it starts at,
-then the homogeneous coefficients, highest power first, ``dimensions + 1`` a power. Its place there is counted from the
-start of the program; ``curve_first`` is the place of the first one that is held.
+A planar segment is one piece, a NURBS segment one piece for each piece of its arc-length map. A span of a curve is a
+stretch of one flat array: the parameter it starts at, then the homogeneous coefficients, highest power first,
+``dimensions + 1`` a power. Its place there is counted from the start of the program; ``curve_first`` is the place of
+the first one that is held.
 """
 
 from __future__ import annotations
@@ -18,12 +12,42 @@ import math
 
 import numpy as np
 
-from feedopt_core.arrays import FloatArray
+from feedopt_core.arrays import FloatArray, RecordArray, record
 from feedopt_core.compiled import compiled
 from feedopt_core.geometry.quadrature import gauss_legendre
 
-COLUMNS = 18
-PLANAR, NURBS = 0.0, 1.0
+PLANAR, NURBS = 0, 1
+"""Kinds of pieces."""
+PIECE = record(
+    segment_start_mm="f8",
+    segment_length_mm="f8",
+    kind="i8",
+    slope="f8",
+    curvature_per_mm="f8",
+    sharpness_per_mm2="f8",
+    start_mm="3f8",
+    tangent="3f8",
+    normal="3f8",
+    rise="3f8",
+    map_start_mm="f8",
+    map_length_mm="f8",
+    map_u="8f8",
+    degree="i8",
+    first_span="i8",
+    last_span="i8",
+    own_span="i8",
+)
+"""A piece of the path: its segment and kind, then the fields of its kind; those of the other kind are zero.
+
+PLANAR: in-plane part of the tangent (slope), curvature at the start and its change, start, and the directions of
+:class:`~feedopt_core.geometry.segments.PlanarSegment`. NURBS: where the piece of the arc-length map starts in the
+segment, its length and u(z), lowest power first; degree of the curve, places of its first and last span and of the span
+at the start of the piece.
+"""
+_FIRST, _SECOND, _THIRD = 0, 1, 2
+"""Places of the derivatives of the path."""
+_VALUE, _SLOPE, _BEND, _CHANGE = 0, 1, 2, 3
+"""Places of the homogeneous coordinates of a curve and of their derivatives by its parameter."""
 _NODES, _WEIGHTS = gauss_legendre(12)
 _LEAST_BEND_PER_MM = 1e-12
 
@@ -47,7 +71,7 @@ def curve_points(spans: FloatArray, degree: int, u: FloatArray, r: FloatArray, d
 @compiled
 def path_points(
     starts: FloatArray,
-    rows: FloatArray,
+    pieces: RecordArray,
     curve: FloatArray,
     curve_first: int,
     s: FloatArray,
@@ -57,8 +81,8 @@ def path_points(
     """Path at arc lengths.
 
     Args:
-        starts: arc length at the start of each row, increasing, shape (m,).
-        rows: shape (m, COLUMNS).
+        starts: arc length at the start of each piece, increasing, shape (m,).
+        pieces: of type PIECE, shape (m,).
         curve: spans of all curves.
         curve_first: place of the first of them.
         s: arc lengths, shape (n,); fastest where they increase.
@@ -68,19 +92,20 @@ def path_points(
     homogeneous, parameter = np.empty((4, derivatives.shape[2] + 1)), np.empty(len(s))
     at = begin = 0
     while begin < len(s):
-        at = _row(starts, s[begin], at)
-        # Neighbouring points on the same row go together.
+        at = _piece(starts, s[begin], at)
+        # Neighbouring points on the same piece go together.
         low = starts[at] if at > 0 else -math.inf
         high = starts[at + 1] if at + 1 < len(starts) else math.inf
         end = begin + 1
         while end < len(s) and low <= s[end] < high:
             end += 1
-        if rows[at, 2] == PLANAR:
-            _planar_run(rows, at, s, begin, end, r, derivatives)
+        piece = pieces[at]
+        if piece.kind == PLANAR:
+            _planar_run(piece, s, begin, end, r, derivatives)
         else:
-            _parameters(rows, at, s, begin, end, parameter)
-            first, last, own = int(rows[at, 14]), int(rows[at, 15]), int(rows[at, 16])
-            spans = (int(rows[at, 13]), own - curve_first, first - curve_first, last - curve_first)
+            _parameters(piece, s, begin, end, parameter)
+            first, last, own = piece.first_span, piece.last_span, piece.own_span
+            spans = (piece.degree, own - curve_first, first - curve_first, last - curve_first)
             _curve_run(curve, spans, parameter, (begin, end), homogeneous, r, derivatives)
             _by_arc_length(derivatives, begin, end)
         begin = end
@@ -108,17 +133,17 @@ def mapped(axis_matrix: FloatArray, derivatives: FloatArray) -> FloatArray:
 
 @compiled
 def lowest_at(starts: FloatArray, values: FloatArray, s: FloatArray) -> FloatArray:
-    """Value of the row that holds an arc length, shape (n,); the lower one of both at a joint.
+    """Value of the piece that holds an arc length, shape (n,); the lower one of both at a joint.
 
     Args:
-        starts: arc length at the start of each row, increasing, shape (m,).
-        values: of the rows, shape (m,).
+        starts: arc length at the start of each piece, increasing, shape (m,).
+        values: of the pieces, shape (m,).
         s: arc lengths, shape (n,).
     """
     out = np.empty(len(s))
     at = 0
     for i in range(len(s)):
-        at = _row(starts, s[i], at)
+        at = _piece(starts, s[i], at)
         out[i] = min(values[at], values[at - 1]) if at > 0 and s[i] == starts[at] else values[at]
     return out
 
@@ -134,15 +159,15 @@ def bend_lengths(derivatives: FloatArray) -> FloatArray:
     for i in range(len(out)):
         bend, change = 0.0, 0.0
         for d in range(derivatives.shape[2]):
-            bend += derivatives[1, i, d] ** 2
-            change += derivatives[2, i, d] ** 2
+            bend += derivatives[_SECOND, i, d] ** 2
+            change += derivatives[_THIRD, i, d] ** 2
         out[i] = 1.0 / max(math.sqrt(bend), math.sqrt(math.sqrt(change)), _LEAST_BEND_PER_MM)
     return out
 
 
 @compiled
-def _row(starts: FloatArray, s: float, guess: int) -> int:
-    """Row that holds an arc length, the later one at a joint; the one behind the guess is right most often."""
+def _piece(starts: FloatArray, s: float, guess: int) -> int:
+    """Piece that holds an arc length, the later one at a joint; the one behind the guess is right most often."""
     last = len(starts) - 1
     for at in range(guess, min(guess + 2, last + 1)):
         if starts[at] <= s and (at == last or s < starts[at + 1]):
@@ -151,12 +176,11 @@ def _row(starts: FloatArray, s: float, guess: int) -> int:
 
 
 @compiled
-def _planar_run(
-    rows: FloatArray, at: int, s: FloatArray, begin: int, end: int, r: FloatArray, derivatives: FloatArray
-) -> None:
+def _planar_run(piece: np.record, s: FloatArray, begin: int, end: int, r: FloatArray, derivatives: FloatArray) -> None:
     """Line, arc, clothoid or helix: the heading is quadratic in the in-plane arc length."""
-    start, length = rows[at, 0], rows[at, 1]
-    slope, start_curvature, sharpness = rows[at, 3], rows[at, 4], rows[at, 5]
+    start, length = piece.segment_start_mm, piece.segment_length_mm
+    slope, start_curvature, sharpness = piece.slope, piece.curvature_per_mm, piece.sharpness_per_mm2
+    origin, tangent, normal, rise = piece.start_mm, piece.tangent, piece.normal, piece.rise
     for i in range(begin, end):
         local = min(max(s[i] - start, 0.0), length)
         x = local * slope
@@ -164,17 +188,15 @@ def _planar_run(
         curvature = start_curvature + sharpness * x
         cos, sin = math.cos(angle), math.sin(angle)
         for d in range(derivatives.shape[2]):
-            along = cos * rows[at, 9 + d] + sin * rows[at, 12 + d]
-            across = cos * rows[at, 12 + d] - sin * rows[at, 9 + d]
-            derivatives[0, i, d] = slope * along + rows[at, 15 + d]
-            derivatives[1, i, d] = slope**2 * curvature * across
-            derivatives[2, i, d] = slope**3 * (sharpness * across - curvature**2 * along)
+            along = cos * tangent[d] + sin * normal[d]
+            across = cos * normal[d] - sin * tangent[d]
+            derivatives[_FIRST, i, d] = slope * along + rise[d]
+            derivatives[_SECOND, i, d] = slope**2 * curvature * across
+            derivatives[_THIRD, i, d] = slope**3 * (sharpness * across - curvature**2 * along)
         if len(r) > 0:
             ahead, aside = _displacement(x, start_curvature, sharpness)
             for d in range(derivatives.shape[2]):
-                r[i, d] = (
-                    rows[at, 6 + d] + ahead * rows[at, 9 + d] + aside * rows[at, 12 + d] + local * rows[at, 15 + d]
-                )
+                r[i, d] = origin[d] + ahead * tangent[d] + aside * normal[d] + local * rise[d]
 
 
 @compiled
@@ -197,14 +219,15 @@ def _displacement(x: float, curvature: float, sharpness: float) -> tuple[float, 
 
 
 @compiled
-def _parameters(rows: FloatArray, at: int, s: FloatArray, begin: int, end: int, u: FloatArray) -> None:
+def _parameters(piece: np.record, s: FloatArray, begin: int, end: int, u: FloatArray) -> None:
     """Curve parameters of points on one piece of an arc-length map, filled."""
-    start, length, piece, by_width = rows[at, 0], rows[at, 1], rows[at, 3], 1.0 / rows[at, 4]
+    start, length, map_u = piece.segment_start_mm, piece.segment_length_mm, piece.map_u
+    map_start, by_width = piece.map_start_mm, 1.0 / piece.map_length_mm
     for i in range(begin, end):
-        z = (min(max(s[i] - start, 0.0), length) - piece) * by_width
-        value = rows[at, 12]
-        for power in range(11, 4, -1):
-            value = value * z + rows[at, power]
+        z = (min(max(s[i] - start, 0.0), length) - map_start) * by_width
+        value = map_u[-1]
+        for power in range(len(map_u) - 2, -1, -1):
+            value = value * z + map_u[power]
         u[i] = value
 
 
@@ -248,14 +271,15 @@ def _curve_run(
                 bend = bend * x + slope
                 slope = slope * x + value
                 value = value * x + curve[at]
-            h[0, c], h[1, c], h[2, c], h[3, c] = value, slope, 2.0 * bend, 6.0 * change
-        by, w_u, w_uu, w_uuu = 1.0 / h[0, width - 1], h[1, width - 1], h[2, width - 1], h[3, width - 1]
+            h[_VALUE, c], h[_SLOPE, c], h[_BEND, c], h[_CHANGE, c] = value, slope, 2.0 * bend, 6.0 * change
+        w = width - 1
+        by, w_u, w_uu, w_uuu = 1.0 / h[_VALUE, w], h[_SLOPE, w], h[_BEND, w], h[_CHANGE, w]
         for d in range(width - 1):
-            value = h[0, d] * by
-            slope = (h[1, d] - w_u * value) * by
-            bend = (h[2, d] - 2.0 * w_u * slope - w_uu * value) * by
-            derivatives[0, i, d], derivatives[1, i, d] = slope, bend
-            derivatives[2, i, d] = (h[3, d] - 3.0 * w_u * bend - 3.0 * w_uu * slope - w_uuu * value) * by
+            value = h[_VALUE, d] * by
+            slope = (h[_SLOPE, d] - w_u * value) * by
+            bend = (h[_BEND, d] - 2.0 * w_u * slope - w_uu * value) * by
+            derivatives[_FIRST, i, d], derivatives[_SECOND, i, d] = slope, bend
+            derivatives[_THIRD, i, d] = (h[_CHANGE, d] - 3.0 * w_u * bend - 3.0 * w_uu * slope - w_uuu * value) * by
             if len(r) > 0:
                 r[i, d] = value
 
@@ -266,15 +290,15 @@ def _by_arc_length(derivatives: FloatArray, begin: int, end: int) -> None:
     for i in range(begin, end):
         speed2, along, along_u = 0.0, 0.0, 0.0
         for d in range(derivatives.shape[2]):
-            r_u, r_uu = derivatives[0, i, d], derivatives[1, i, d]
+            r_u, r_uu = derivatives[_FIRST, i, d], derivatives[_SECOND, i, d]
             speed2 += r_u**2
             along += r_u * r_uu
-            along_u += r_uu**2 + r_u * derivatives[2, i, d]
+            along_u += r_uu**2 + r_u * derivatives[_THIRD, i, d]
         first = 1.0 / math.sqrt(speed2)
         second = -along / speed2**2
         third = (4.0 * along**2 / speed2 - along_u) / speed2**2 * first
         for d in range(derivatives.shape[2]):
-            r_u, r_uu, r_uuu = derivatives[0, i, d], derivatives[1, i, d], derivatives[2, i, d]
-            derivatives[0, i, d] = r_u * first
-            derivatives[1, i, d] = r_uu * first**2 + r_u * second
-            derivatives[2, i, d] = r_uuu * first**3 + 3.0 * r_uu * first * second + r_u * third
+            r_u, r_uu, r_uuu = derivatives[_FIRST, i, d], derivatives[_SECOND, i, d], derivatives[_THIRD, i, d]
+            derivatives[_FIRST, i, d] = r_u * first
+            derivatives[_SECOND, i, d] = r_uu * first**2 + r_u * second
+            derivatives[_THIRD, i, d] = r_uuu * first**3 + 3.0 * r_uu * first * second + r_u * third

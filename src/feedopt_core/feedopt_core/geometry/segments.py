@@ -13,7 +13,7 @@ from feedopt_core.errors import ToolpathError
 from feedopt_core.geometry.arc_length import ArcLengthMap
 from feedopt_core.geometry.nurbs import NurbsCurve
 from feedopt_core.geometry.packed_path import PackedSegment
-from feedopt_core.geometry.path_kernels import COLUMNS, NURBS, PLANAR
+from feedopt_core.geometry.path_kernels import NURBS, PIECE, PLANAR
 from feedopt_core.geometry.path_points import PathPoints
 
 
@@ -98,12 +98,13 @@ class PlanarSegment:
     @cached_property
     def packed(self) -> PackedSegment:
         """The segment as it is evaluated."""
-        row, dimensions = np.zeros((1, COLUMNS)), len(self.start_mm)
-        slope = np.sqrt(max(0.0, 1.0 - float(self.rise @ self.rise)))
-        row[0, :6] = 0.0, self.length_mm, PLANAR, slope, self.curvature_start_per_mm, self.sharpness_per_mm2
-        for first, vector in ((6, self.start_mm), (9, self.tangent), (12, self.normal), (15, self.rise)):
-            row[0, first : first + dimensions] = vector
-        return PackedSegment(dimensions, np.zeros(1), row, np.empty(0))
+        pieces, dimensions = np.zeros(1, PIECE), len(self.start_mm)
+        pieces["segment_length_mm"], pieces["kind"] = self.length_mm, PLANAR
+        pieces["slope"] = np.sqrt(max(0.0, 1.0 - float(self.rise @ self.rise)))
+        pieces["curvature_per_mm"], pieces["sharpness_per_mm2"] = self.curvature_start_per_mm, self.sharpness_per_mm2
+        for name in ("start_mm", "tangent", "normal", "rise"):
+            pieces[name][:, :dimensions] = getattr(self, name)
+        return PackedSegment(dimensions, np.zeros(1), pieces, np.empty(0))
 
     def evaluate(self, s_mm: FloatArray) -> PathPoints:
         """Path at arc lengths from the start of the segment, shape (n,)."""
@@ -144,16 +145,13 @@ class NurbsSegment:
         """The segment as it is evaluated."""
         starts, coefficients = self.arc_length_map.s_mm, self.arc_length_map.coefficients
         spans = self.curve.spans
-        rows = np.zeros((len(coefficients), COLUMNS))
-        rows[:, 1], rows[:, 2] = self.length_mm, NURBS
-        rows[:, 3], rows[:, 4], rows[:, 5:13] = starts[:-1], np.diff(starts), coefficients
+        pieces = np.zeros(len(coefficients), PIECE)
+        pieces["segment_length_mm"], pieces["kind"] = self.length_mm, NURBS
+        pieces["map_start_mm"], pieces["map_length_mm"], pieces["map_u"] = starts[:-1], np.diff(starts), coefficients
         own = np.clip(np.searchsorted(self.curve.joints, coefficients[:, 0], side="right") - 1, 0, len(spans) - 1)
-        rows[:, 13], rows[:, 15], rows[:, 16] = (
-            self.curve.degree,
-            spans.shape[1] * (len(spans) - 1),
-            spans.shape[1] * own,
-        )
-        return PackedSegment(self.curve.control_points_mm.shape[1], starts[:-1], rows, spans.ravel())
+        pieces["degree"], pieces["last_span"] = self.curve.degree, spans.shape[1] * (len(spans) - 1)
+        pieces["own_span"] = spans.shape[1] * own
+        return PackedSegment(self.curve.control_points_mm.shape[1], starts[:-1], pieces, spans.ravel())
 
     def evaluate(self, s_mm: FloatArray) -> PathPoints:
         """Path at arc lengths from the start of the segment, shape (n,)."""

@@ -7,7 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from feedopt_core.arrays import FloatArray
+from feedopt_core.arrays import FloatArray, record
 from feedopt_core.errors import ToolpathError
 from feedopt_core.geometry.packed_path import PackedPath, Queue
 from feedopt_core.geometry.path_kernels import bend_lengths, lowest_at, mapped
@@ -16,6 +16,8 @@ from feedopt_core.geometry.segments import Segment
 
 JOINT_TOLERANCE_MM = 1e-6
 JOINT_TOLERANCE = 1e-6
+_EXTENT = record(start_mm="f8", end_mm="f8", feed_limit_mm_s="f8", exact_stop="?", dwell_s="f8")
+"""Of a segment: where it starts and ends, its feed, whether it ends in an exact stop, its dwell there."""
 
 
 class Toolpath:
@@ -27,8 +29,7 @@ class Toolpath:
     def __init__(self) -> None:
         self._segments: deque[Segment] = deque()
         self._packed: PackedPath | None = None
-        # A row a segment: where it starts, where it ends, its feed, whether it ends in an exact stop, its dwell.
-        self._table = Queue(5)
+        self._extents = Queue(_EXTENT)
         self._joints = Queue()
         # First and last point of the newest segment.
         self._newest: PathPoints | None = None
@@ -46,7 +47,7 @@ class Toolpath:
     @property
     def end_mm(self) -> float:
         """Largest arc length that can be evaluated."""
-        return float(self._table.held[-1, 1]) if self._segments else 0.0
+        return float(self._extents.held["end_mm"][-1]) if self._segments else 0.0
 
     @property
     def complete(self) -> bool:
@@ -80,9 +81,8 @@ class Toolpath:
         self._packed.append(segment.packed, place.s_start_mm)
         self._segments.append(segment)
         self._newest = ends
-        self._table.append(
-            np.array([[place.s_start_mm, end_mm, place.feed_limit_mm_s, place.exact_stop, place.dwell_s]])
-        )
+        extent = (place.s_start_mm, end_mm, place.feed_limit_mm_s, place.exact_stop, place.dwell_s)
+        self._extents.append(np.array([extent], _EXTENT))
         # One joint where two segments meet, however their lengths were rounded.
         self._joints.shorten(min(1, len(self._joints)))
         self._joints.append(joints)
@@ -93,12 +93,12 @@ class Toolpath:
         if count and self._packed is not None:
             for _ in range(count):
                 self._packed.drop(self._segments.popleft().packed)
-            self._table.drop(count)
+            self._extents.drop(count)
             self._joints.drop(int(np.searchsorted(self._joints.held, self._segments[0].place.s_start_mm)))
 
     @property
     def _starts(self) -> FloatArray:
-        return self._table.held[:, 0]
+        return np.asarray(self._extents.held["start_mm"])
 
     def evaluate(self, s_mm: FloatArray) -> PathPoints:
         """Path at arc lengths inside the part that is held, shape (n,), in any order.
@@ -145,7 +145,7 @@ class Toolpath:
 
     def feed_limits_mm_s(self, s_mm: FloatArray) -> FloatArray:
         """Programmed feed at arc lengths, shape (n,); the lower one at a joint."""
-        starts, _, limits = np.ascontiguousarray(self._table.held[:, :3].T)
+        starts, limits = (np.ascontiguousarray(self._extents.held[name]) for name in ("start_mm", "feed_limit_mm_s"))
         return lowest_at(starts, limits, np.ascontiguousarray(s_mm, dtype=np.float64))
 
     def joints_mm(self, start_mm: float, end_mm: float) -> FloatArray:
@@ -166,14 +166,14 @@ class Toolpath:
 
     def exact_stops_mm(self) -> FloatArray:
         """Arc lengths of the ends of segments where the machine must come to rest, increasing."""
-        table = self._table.held
-        return np.asarray(table[table[:, 3] > 0.0, 1])
+        extents = self._extents.held
+        return np.asarray(extents["end_mm"][extents["exact_stop"]])
 
     def dwell_s(self, s_mm: float) -> float:
         """Time to wait at an arc length where the machine rests; 0 where no dwell is programmed."""
-        table = self._table.held
-        first, last = np.searchsorted(table[:, 1], [s_mm - JOINT_TOLERANCE_MM, s_mm + JOINT_TOLERANCE_MM])
-        return float(np.max(table[first:last, 4], initial=0.0))
+        extents = self._extents.held
+        first, last = np.searchsorted(extents["end_mm"], [s_mm - JOINT_TOLERANCE_MM, s_mm + JOINT_TOLERANCE_MM])
+        return float(np.max(extents["dwell_s"][first:last], initial=0.0))
 
 
 def _check_joint(before: Segment, before_ends: PathPoints, after: Segment, after_ends: PathPoints) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from core_paths import spline, toolpath_of, wandering_points
 
-from feedopt_core.arrays import FloatArray
+from feedopt_core.arrays import FloatArray, record
 from feedopt_core.errors import ToolpathError
 from feedopt_core.geometry.packed_path import Queue
 from feedopt_core.geometry.path_points import PathPoints
@@ -155,12 +155,15 @@ def test_memory_follows_what_is_held() -> None:
 
 
 def test_queue_gives_room_back() -> None:
-    queue = Queue(2)
-    queue.append(np.arange(20000.0).reshape(-1, 2))
+    pair = record(start="f8", end="f8")
+    values = np.zeros(10000, pair)
+    values["start"], values["end"] = np.arange(10000.0), np.arange(10000.0) + 0.5
+    queue = Queue(pair)
+    queue.append(values)
     queue.drop(9990)
-    assert queue.held.tolist() == [[2.0 * k, 2.0 * k + 1.0] for k in range(9990, 10000)]
+    assert queue.held.tolist() == [(float(k), k + 0.5) for k in range(9990, 10000)]
     assert queue.held.base is not None and queue.held.base.nbytes < 2000
-    queue.append(np.array([[1.0, 2.0]]))
+    queue.append(values[:1])
     queue.shorten(1)
     assert (len(queue), queue.dropped) == (10, 9990)
 
@@ -183,6 +186,6 @@ def test_map_pieces_need_not_end_at_knots() -> None:
     u = arc_length_map.parameter(s_mm)
     position = segment.curve.evaluate(u)[0]
     shifted = replace(segment, curve=replace(segment.curve, spans=segment.curve.spans.copy()))
-    rows = shifted.packed.rows
-    rows[:, 16] = rows[::-1, 16].copy()
+    places = shifted.packed.pieces["own_span"]
+    places[:] = places[::-1].copy()
     np.testing.assert_allclose(shifted.evaluate(s_mm).r_mm, position, rtol=1e-12, atol=1e-12)
