@@ -2,23 +2,103 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 from feedopt_core.programs.gcode.words import Word, Words
 
-_G_GROUPS: dict[str, tuple[int, ...]] = {
-    "motion": (0, 10, 20, 30, 50, 51, 52, 53, 800),
-    "dwell and offset": (40, 530, 920, 921, 922, 923),
-    "plane": (170, 180, 190),
-    "distance": (900, 910),
-    "arc distance": (901, 911),
-    "feed": (930, 940),
-    "unit": (200, 210),
-    "cutter": (400,),
-    "tool length": (430, 490),
-    "coordinate system": (540,),
-    "path": (610, 611, 640),
+
+class GCode(IntEnum):
+    """The G codes that are read; values in tenths, so that G92.1 is 921."""
+
+    G0 = 0
+    G1 = 10
+    G2 = 20
+    G3 = 30
+    G4 = 40
+    G5 = 50
+    G5_1 = 51
+    G5_2 = 52
+    G5_3 = 53
+    G17 = 170
+    G18 = 180
+    G19 = 190
+    G20 = 200
+    G21 = 210
+    G40 = 400
+    G43 = 430
+    G49 = 490
+    G53 = 530
+    G54 = 540
+    G61 = 610
+    G61_1 = 611
+    G64 = 640
+    G80 = 800
+    G90 = 900
+    G90_1 = 901
+    G91 = 910
+    G91_1 = 911
+    G92 = 920
+    G92_1 = 921
+    G92_2 = 922
+    G92_3 = 923
+    G93 = 930
+    G94 = 940
+
+
+_G_GROUPS: dict[str, tuple[GCode, ...]] = {
+    "motion": (
+        GCode.G0,
+        GCode.G1,
+        GCode.G2,
+        GCode.G3,
+        GCode.G5,
+        GCode.G5_1,
+        GCode.G5_2,
+        GCode.G5_3,
+        GCode.G80,
+    ),
+    "dwell and offset": (
+        GCode.G4,
+        GCode.G53,
+        GCode.G92,
+        GCode.G92_1,
+        GCode.G92_2,
+        GCode.G92_3,
+    ),
+    "plane": (
+        GCode.G17,
+        GCode.G18,
+        GCode.G19,
+    ),
+    "distance": (
+        GCode.G90,
+        GCode.G91,
+    ),
+    "arc distance": (
+        GCode.G90_1,
+        GCode.G91_1,
+    ),
+    "feed": (
+        GCode.G93,
+        GCode.G94,
+    ),
+    "unit": (
+        GCode.G20,
+        GCode.G21,
+    ),
+    "cutter": (GCode.G40,),
+    "tool length": (
+        GCode.G43,
+        GCode.G49,
+    ),
+    "coordinate system": (GCode.G54,),
+    "path": (
+        GCode.G61,
+        GCode.G61_1,
+        GCode.G64,
+    ),
 }
-"""Codes in tenths."""
-_GROUP_OF_G = {code: group for group, codes in _G_GROUPS.items() for code in codes}
+_GROUP_OF_G: dict[int, str] = {code: group for group, codes in _G_GROUPS.items() for code in codes}
 _GROUP_OF_M = {
     **dict.fromkeys((0, 1, 2, 30), "stop"),
     6: "tool",
@@ -27,7 +107,7 @@ _GROUP_OF_M = {
     9: "coolant off",
     **dict.fromkeys((48, 49), "override"),
 }
-_REFUSED_G = {
+_REFUSED_G: dict[int, str] = {
     **dict.fromkeys((330, 331), "spindle-synchronised motion is not supported"),
     **dict.fromkeys((382, 383, 384, 385), "probing is not supported"),
     **dict.fromkeys((410, 411, 420, 421), "cutter compensation is not supported; let the CAM system offset the path"),
@@ -42,13 +122,13 @@ _REFUSED_G = {
 }
 
 
-def codes_of(words: Words) -> tuple[dict[str, int], dict[str, Word]]:
-    """G codes of a line in tenths, and M words, each by the group whose codes exclude each other.
+def codes_of(words: Words) -> tuple[dict[str, GCode], dict[str, Word]]:
+    """G codes and M words of a line, each by the group whose codes exclude each other.
 
     Raises:
         ToolpathError: a code that is not supported, or two of one group.
     """
-    g_codes: dict[str, int] = {}
+    g_codes: dict[str, GCode] = {}
     m_words: dict[str, Word] = {}
     for word in words.codes:
         if word.letter == "g":
@@ -59,7 +139,7 @@ def codes_of(words: Words) -> tuple[dict[str, int], dict[str, Word]]:
                 raise words.line.error(f"{word.text}: {reason}", word.index)
             if group in g_codes:
                 raise words.line.error(f"{word.text} and another code for {group} in one line", word.index)
-            g_codes[group] = code
+            g_codes[group] = GCode(code)
         else:
             group = _GROUP_OF_M.get(round(word.value)) if word.value == round(word.value) else None
             if group is None:

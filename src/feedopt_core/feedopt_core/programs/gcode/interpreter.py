@@ -10,7 +10,7 @@ import numpy as np
 from feedopt_core.arrays import FloatArray
 from feedopt_core.geometry.nurbs import NurbsCurve
 from feedopt_core.programs.gcode.arcs import read_arc
-from feedopt_core.programs.gcode.codes import codes_of
+from feedopt_core.programs.gcode.codes import GCode, codes_of
 from feedopt_core.programs.gcode.modal_state import MM_PER_INCH, ModalState, Plane
 from feedopt_core.programs.gcode.move_buffer import MoveBuffer
 from feedopt_core.programs.gcode.plain_lines import MAX_COORDINATE_MM
@@ -19,7 +19,7 @@ from feedopt_core.programs.gcode.words import Word, Words
 from feedopt_core.programs.moves import NurbsMove, PathMode, ProgramEvent
 
 _AXES = "xyz"
-_PLANES = {170: Plane.XY, 180: Plane.ZX, 190: Plane.YZ}
+_PLANES = {GCode.G17: Plane.XY, GCode.G18: Plane.ZX, GCode.G19: Plane.YZ}
 _LENGTH_POINTS = 400
 
 
@@ -53,7 +53,7 @@ class Interpreter:
             return
         state = self.state
         if "feed" in g_codes:
-            state.inverse_time = g_codes["feed"] == 930
+            state.inverse_time = g_codes["feed"] is GCode.G93
         feed = words.take("f")
         if feed is not None and feed <= 0.0:
             raise words.error(f"the feed is {feed:g}, must be above zero", "f")
@@ -63,7 +63,7 @@ class Interpreter:
         self._settings(words, g_codes)
         self._offsets(words, g_codes.get("dwell and offset"))
         if "motion" in g_codes:
-            state.motion = None if g_codes["motion"] == 800 else g_codes["motion"]
+            state.motion = None if g_codes["motion"] is GCode.G80 else g_codes["motion"]
         self._motion(words, g_codes, feed)
         words.refuse_unused()
         stop = m_words.get("stop")
@@ -88,21 +88,21 @@ class Interpreter:
         if "tool" in m_words:
             self._event(m_words["tool"].text, words, stop=True)
 
-    def _settings(self, words: Words, g_codes: dict[str, int]) -> None:
+    def _settings(self, words: Words, g_codes: dict[str, GCode]) -> None:
         state = self.state
         state.plane = _PLANES[g_codes["plane"]] if "plane" in g_codes else state.plane
         if "unit" in g_codes:
-            state.unit_mm = MM_PER_INCH if g_codes["unit"] == 200 else 1.0
-        if g_codes.get("tool length") == 430:
+            state.unit_mm = MM_PER_INCH if g_codes["unit"] is GCode.G20 else 1.0
+        if g_codes.get("tool length") is GCode.G43:
             # The table of tool lengths is the machine's: the event says where it would take effect.
             offset = words.take_word("h")
             self._event("G43" if offset is None else f"G43 {offset.text}", words)
         if "distance" in g_codes:
-            state.absolute = g_codes["distance"] == 900
+            state.absolute = g_codes["distance"] is GCode.G90
         if "arc distance" in g_codes:
-            state.absolute_centres = g_codes["arc distance"] == 901
+            state.absolute_centres = g_codes["arc distance"] is GCode.G90_1
         path = g_codes.get("path")
-        if path == 640:
+        if path is GCode.G64:
             tolerance, naive = words.take("p"), words.take("q")
             if min(tolerance or 0.0, naive or 0.0) < 0.0:
                 raise words.error("a tolerance below zero", "pq")
@@ -111,14 +111,14 @@ class Interpreter:
         elif path is not None:
             state.mode = PathMode(exact_stop=True)
 
-    def _offsets(self, words: Words, code: int | None) -> None:
+    def _offsets(self, words: Words, code: GCode | None) -> None:
         state = self.state
-        if code == 40:
+        if code is GCode.G4:
             dwell_s = words.need("p", "G4")
             if dwell_s < 0.0:
                 raise words.error(f"the dwell is {dwell_s:g} s, must not be below zero", "p")
             self._event(f"G4 P{dwell_s:.12g}", words, stop=True, dwell_s=dwell_s)
-        elif code == 920:
+        elif code is GCode.G92:
             if not words.has(_AXES):
                 raise words.error("G92 needs a coordinate")
             for axis, letter in enumerate(_AXES):
@@ -126,54 +126,54 @@ class Interpreter:
                 if value is not None:
                     state.offset_mm[axis] = state.position_mm[axis] - value * state.unit_mm
             state.stored_offset_mm = state.offset_mm.copy()
-        elif code in (921, 922):
+        elif code in (GCode.G92_1, GCode.G92_2):
             state.offset_mm = np.zeros(3)
-            if code == 921:
+            if code is GCode.G92_1:
                 state.stored_offset_mm = np.zeros(3)
-        elif code == 923:
+        elif code is GCode.G92_3:
             state.offset_mm = state.stored_offset_mm.copy()
 
-    def _motion(self, words: Words, g_codes: dict[str, int], feed: float | None) -> None:
-        state, machine = self.state, g_codes.get("dwell and offset") == 530
-        if g_codes.get("dwell and offset") == 920:
+    def _motion(self, words: Words, g_codes: dict[str, GCode], feed: float | None) -> None:
+        state, machine = self.state, g_codes.get("dwell and offset") is GCode.G53
+        if g_codes.get("dwell and offset") is GCode.G92:
             if "motion" in g_codes:
                 raise words.error("G92 and a motion both want the coordinates; give them lines of their own", _AXES)
             return
-        if g_codes.get("motion") == 52:
+        if g_codes.get("motion") is GCode.G5_2:
             self._need_feed(words, feed)
             self._block = NurbsBlock(words, state)
             self._block.add(words, state)
             return
-        if g_codes.get("motion") == 53:
+        if g_codes.get("motion") is GCode.G5_3:
             raise words.error("G5.3 without a G5.2 before it")
         explicit = "motion" in g_codes and state.motion is not None
-        if not words.has(_AXES) and not (explicit and state.motion in (20, 30) and words.has("ijk")):
+        if not words.has(_AXES) and not (explicit and state.motion in (GCode.G2, GCode.G3) and words.has("ijk")):
             return
         if state.motion is None:
             raise words.error("coordinates without a motion code: say G0, G1, G2 or G3", _AXES)
-        if machine and state.motion not in (0, 10):
+        if machine and state.motion not in (GCode.G0, GCode.G1):
             raise words.error("G53 goes with G0 and G1 only")
         end_mm = self._end(words, machine)
-        if state.motion == 0:
+        if state.motion is GCode.G0:
             self._straight(words, end_mm, math.inf)
             return
         self._need_feed(words, feed)
-        if state.motion == 10:
+        if state.motion is GCode.G1:
             length_mm = float(np.linalg.norm(end_mm - state.position_mm))
             self._straight(words, end_mm, self._feed(length_mm, feed))
-        elif state.motion in (20, 30):
-            arc, length_mm = read_arc(words, state, end_mm, state.motion == 20)
+        elif state.motion in (GCode.G2, GCode.G3):
+            arc, length_mm = read_arc(words, state, end_mm, state.motion is GCode.G2)
             self._buffer.add(replace(arc, feed_mm_s=self._feed(length_mm, feed)))
             # The scanner moves the position in place.
             state.position_mm = end_mm.copy()
         else:
-            curve = (read_cubic if state.motion == 50 else read_quadratic)(words, state, end_mm)
+            curve = (read_cubic if state.motion is GCode.G5 else read_quadratic)(words, state, end_mm)
             self._spline(curve, feed)
 
     def _continue_block(
-        self, block: NurbsBlock, words: Words, g_codes: dict[str, int], m_words: dict[str, Word]
+        self, block: NurbsBlock, words: Words, g_codes: dict[str, GCode], m_words: dict[str, Word]
     ) -> None:
-        if m_words or g_codes.keys() - {"motion"} or g_codes.get("motion", 53) != 53:
+        if m_words or g_codes.keys() - {"motion"} or g_codes.get("motion", GCode.G5_3) is not GCode.G5_3:
             raise words.error("between G5.2 and G5.3 there are control points only")
         if g_codes:
             self._block = None

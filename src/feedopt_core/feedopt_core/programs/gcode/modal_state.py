@@ -9,6 +9,7 @@ from enum import Enum
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
+from feedopt_core.programs.gcode.codes import GCode
 from feedopt_core.programs.gcode.expressions import Parameters
 from feedopt_core.programs.moves import PathMode
 
@@ -31,7 +32,7 @@ class ModalState:
         position_mm: where the machine stands, machine coordinates, shape (3,).
         offset_mm: added to programmed coordinates (G92), shape (3,).
         stored_offset_mm: what G92.3 brings back, shape (3,).
-        motion: G code of the motion in tenths (G5.1: 51), None after G80.
+        motion: G code of the motion; None after G80.
         unit_mm: mm of a unit of the program.
         plane: plane of arcs.
         absolute: G90, else G91.
@@ -46,7 +47,7 @@ class ModalState:
     position_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
     offset_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
     stored_offset_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
-    motion: int | None = None
+    motion: GCode | None = None
     unit_mm: float = 1.0
     plane: Plane = Plane.XY
     absolute: bool = True

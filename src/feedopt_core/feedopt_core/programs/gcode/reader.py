@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from feedopt_core.programs.gcode.codes import GCode
 from feedopt_core.programs.gcode.interpreter import Interpreter
 from feedopt_core.programs.gcode.modal_state import ModalState
 from feedopt_core.programs.gcode.move_buffer import MoveBuffer
@@ -18,6 +19,8 @@ from feedopt_core.programs.moves import Move, ProgramEvent
 
 BLOCK_LINES = 2000
 _LONGEST_LINE = 100_000
+_PLAIN_MOTIONS = (GCode.G0, GCode.G1)
+"""Motions of plain lines, by the numbers that :func:`scan_plain_lines` gives them."""
 
 
 def read_gcode(lines: Iterable[str | None], source: str) -> Iterator[Move]:
@@ -103,7 +106,7 @@ class _Reader:
             state.unit_mm,
             state.offset_mm,
             state.position_mm,
-            {0: 0, 10: 1}.get(-1 if state.motion is None else state.motion, -1),
+            _PLAIN_MOTIONS.index(state.motion) if state.motion in _PLAIN_MOTIONS else -1,
             state.feed_mm_s,
             buffer.points_mm,
             buffer.lines,
@@ -112,7 +115,7 @@ class _Reader:
             0 if buffer.rapid else 1,
         )
         self._begun = self._begun or at > began
-        state.motion = {0: 0, 1: 10}.get(motion, state.motion)
+        state.motion = _PLAIN_MOTIONS[motion] if motion >= 0 else state.motion
         buffer.count = count
         if count:
             buffer.rapid = math.isinf(buffer.feeds_mm_s[count - 1])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from feedopt_core.arrays import FloatArray
+from feedopt_core.programs.gcode.codes import GCode
 from feedopt_core.programs.gcode.modal_state import ModalState, Plane
 from feedopt_core.programs.gcode.words import Words
 from feedopt_core.programs.moves import NurbsMove
@@ -25,7 +26,7 @@ def read_cubic(words: Words, state: ModalState, end_mm: FloatArray) -> NurbsMove
         raise words.error("G5 needs both I and J, or neither behind another G5", "ij")
     if words.has("ij"):
         lead_mm = np.array([words.need("i", "G5"), words.need("j", "G5")]) * state.unit_mm
-    elif state.motion == 50:
+    elif state.motion is GCode.G5:
         lead_mm = state.spline_lead_mm
     else:
         raise words.error("the first G5 of a row needs I and J")
