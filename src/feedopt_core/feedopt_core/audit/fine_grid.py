@@ -19,6 +19,8 @@ _INSET = 1e-6
 _INSET_OF_WAY = 1e-9
 _INSET_STEPS = 4.0
 """Of the arc length as a number: two paths to it may have been rounded differently."""
+_FIRST, _SECOND, _THIRD = 0, 1, 2
+"""Places of the derivatives by arc length, and of velocity, acceleration and jerk."""
 
 
 def audit_profile(toolpath: Toolpath, profile: FeedProfile, machine: Machine, t_start_s: float = 0.0) -> AuditReport:
@@ -64,10 +66,10 @@ def _axis_motion(g: FloatArray, v: FloatArray, a: FloatArray, j: FloatArray) -> 
     out = np.empty(g.shape)
     for axis in range(g.shape[1]):
         for i in range(g.shape[2]):
-            g1, g2, g3 = g[0, axis, i], g[1, axis, i], g[2, axis, i]
-            out[0, axis, i] = g1 * v[i]
-            out[1, axis, i] = g2 * v[i] ** 2 + g1 * a[i]
-            out[2, axis, i] = g3 * v[i] ** 3 + 3.0 * g2 * v[i] * a[i] + g1 * j[i]
+            g1, g2, g3 = g[_FIRST, axis, i], g[_SECOND, axis, i], g[_THIRD, axis, i]
+            out[_FIRST, axis, i] = g1 * v[i]
+            out[_SECOND, axis, i] = g2 * v[i] ** 2 + g1 * a[i]
+            out[_THIRD, axis, i] = g3 * v[i] ** 3 + 3.0 * g2 * v[i] * a[i] + g1 * j[i]
     return out
 
 

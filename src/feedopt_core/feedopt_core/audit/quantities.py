@@ -29,19 +29,24 @@ class AxisMotion:
 
 def control_signal(drive: DriveModel, motion: AxisMotion) -> FloatArray:
     """Control signal by the drive model, shape (n_axes, n), V."""
-    rows = (drive.inertia_volts_s2_mm, drive.viscous_volts_s_mm, drive.offset_volts, drive.coulomb_volts)
     # One layout, so one compiled version for both grids.
     v, a = np.ascontiguousarray(motion.velocity_mm_s), np.ascontiguousarray(motion.acceleration_mm_s2)
-    return _control_signal(np.array(rows), v, a)
+    inertia, viscous, offset, coulomb = (
+        np.array(values)
+        for values in (drive.inertia_volts_s2_mm, drive.viscous_volts_s_mm, drive.offset_volts, drive.coulomb_volts)
+    )
+    return _control_signal(inertia, viscous, offset, coulomb, v, a)
 
 
 @compiled
-def _control_signal(rows: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+def _control_signal(
+    inertia: FloatArray, viscous: FloatArray, offset: FloatArray, coulomb: FloatArray, v: FloatArray, a: FloatArray
+) -> FloatArray:
     out = np.empty(v.shape)
     for axis in range(v.shape[0]):
         for i in range(v.shape[1]):
-            coulomb = rows[3, axis] * np.sign(v[axis, i])
-            out[axis, i] = rows[0, axis] * a[axis, i] + rows[1, axis] * v[axis, i] + rows[2, axis] + coulomb
+            friction = coulomb[axis] * np.sign(v[axis, i])
+            out[axis, i] = inertia[axis] * a[axis, i] + viscous[axis] * v[axis, i] + offset[axis] + friction
     return out
 
 

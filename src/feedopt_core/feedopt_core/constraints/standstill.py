@@ -123,26 +123,26 @@ def _control_bounds(
 def _first_crossing(terms: tuple[FloatArray, ...], up: FloatArray, down: FloatArray) -> FloatArray:
     """Least y > 0 where ``terms[0] y + terms[1] y^2 + ...`` leaves (-down, up); shape of the terms."""
     flat = np.stack([term.ravel() for term in terms])
-    bounds = np.stack([np.broadcast_to(bound, terms[0].shape).ravel() for bound in (up, down)])
-    return _crossings(flat, bounds).reshape(terms[0].shape)
+    above, below = (np.ascontiguousarray(np.broadcast_to(bound, terms[0].shape)).ravel() for bound in (up, down))
+    return _crossings(flat, above, below).reshape(terms[0].shape)
 
 
 @compiled
-def _within(terms: FloatArray, bounds: FloatArray, n: int, y: float) -> bool:
+def _within(terms: FloatArray, up: FloatArray, down: FloatArray, n: int, y: float) -> bool:
     total = 0.0
     for power in range(len(terms) - 1, -1, -1):
         total = (total + terms[power, n]) * y
-    return bool(-bounds[1, n] < total < bounds[0, n])
+    return bool(-down[n] < total < up[n])
 
 
 @compiled
-def _crossings(terms: FloatArray, bounds: FloatArray) -> FloatArray:
-    """First crossings of n polynomials, shape (n,): terms of shape (degree, n), bounds upwards and downwards (2, n)."""
+def _crossings(terms: FloatArray, up: FloatArray, down: FloatArray) -> FloatArray:
+    """First crossings of n polynomials, shape (n,): terms of shape (degree, n), bounds (n,)."""
     degree, count = terms.shape
     found = np.empty(count)
     for n in range(count):
         # Each term alone within its share of the limit is safe, and so is the sum.
-        share, safe = min(bounds[0, n], bounds[1, n]) / degree, _UNLIMITED
+        share, safe = min(up[n], down[n]) / degree, _UNLIMITED
         for power in range(degree):
             if terms[power, n] != 0.0:
                 safe = min(safe, (share / abs(terms[power, n])) ** (1.0 / (power + 1)))
@@ -150,12 +150,12 @@ def _crossings(terms: FloatArray, bounds: FloatArray) -> FloatArray:
         step = _STEP * safe
         while high < _FAR * safe:
             high += step
-            if not _within(terms, bounds, n, high):
+            if not _within(terms, up, down, n, high):
                 break
             low = high
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
-            if _within(terms, bounds, n, middle):
+            if _within(terms, up, down, n, middle):
                 low = middle
             else:
                 high = middle

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from feedopt_core.arrays import FloatArray
+from feedopt_core.arrays import FloatArray, RecordArray, record
 from feedopt_core.compiled import compiled
 from feedopt_core.constraints.axis_geometry import ONE_SIDED_MM, AxisGeometry, axis_geometry
 from feedopt_core.geometry.sampling import samples_between
@@ -13,6 +13,19 @@ from feedopt_core.machine.limits import MotionLimits
 from feedopt_core.motion.profile import FeedProfile
 
 _LEAST_SAMPLES = 25
+_AXIS_MODEL = record(
+    velocity="f8",
+    acceleration="f8",
+    jerk="f8",
+    inertia="f8",
+    viscous="f8",
+    offset="f8",
+    coulomb="f8",
+    kv="f8",
+    ka="f8",
+    kj="f8",
+)
+"""Of one axis, each divided by its limit: one by velocity, acceleration and jerk; drive model; tracking model."""
 
 
 class FineGrid:
@@ -55,35 +68,28 @@ def largest_ratios(
     limits: MotionLimits, geometry: AxisGeometry, q: FloatArray, slope: FloatArray, bend: FloatArray
 ) -> FloatArray:
     """Largest ratio of any quantity to its limit at n points, shape (n,), from q, dq/ds and d2q/ds2 there."""
-    kinematic, none = limits.kinematic, np.zeros(len(limits.axis_names))
-    control, tracking = limits.control, limits.tracking
-    models = np.array(
-        [
-            1.0 / kinematic.velocity_mm_s,
-            1.0 / kinematic.acceleration_mm_s2,
-            1.0 / kinematic.jerk_mm_s3,
-            *(
-                [none] * 4
-                if control is None
-                else np.stack(
-                    [
-                        control.inertia_volts_s2_mm,
-                        control.viscous_volts_s_mm,
-                        control.offset_volts,
-                        control.coulomb_volts,
-                    ]
-                )
-                / control.limit_volts
-            ),
-            *(
-                [none] * 3
-                if tracking is None
-                else np.stack([tracking.ka_s2, tracking.kv_s, tracking.kj_s3]) / tracking.limit_mm
-            ),
-        ]
-    )
+    kinematic = limits.kinematic
     feed = np.minimum(geometry.feed_limit_mm_s, kinematic.feed_mm_s)
-    return _ratios(geometry.g1, geometry.g2, geometry.g3, 1.0 / feed, q, slope, bend, models)
+    return _ratios(geometry.g1, geometry.g2, geometry.g3, 1.0 / feed, q, slope, bend, _axis_models(limits))
+
+
+def _axis_models(limits: MotionLimits) -> RecordArray:
+    """Models of the axes, shape (n_axes,); zero where there is none."""
+    kinematic, control, tracking = limits.kinematic, limits.control, limits.tracking
+    models = np.zeros(len(limits.axis_names), _AXIS_MODEL)
+    models["velocity"] = 1.0 / kinematic.velocity_mm_s
+    models["acceleration"] = 1.0 / kinematic.acceleration_mm_s2
+    models["jerk"] = 1.0 / kinematic.jerk_mm_s3
+    if control is not None:
+        models["inertia"] = control.inertia_volts_s2_mm / control.limit_volts
+        models["viscous"] = control.viscous_volts_s_mm / control.limit_volts
+        models["offset"] = control.offset_volts / control.limit_volts
+        models["coulomb"] = control.coulomb_volts / control.limit_volts
+    if tracking is not None:
+        models["kv"] = tracking.kv_s / tracking.limit_mm
+        models["ka"] = tracking.ka_s2 / tracking.limit_mm
+        models["kj"] = tracking.kj_s3 / tracking.limit_mm
+    return models
 
 
 @compiled
@@ -95,7 +101,7 @@ def _ratios(
     q: FloatArray,
     slope: FloatArray,
     bend: FloatArray,
-    models: FloatArray,
+    models: RecordArray,
 ) -> FloatArray:
     """Largest ratios, shape (n,).
 
@@ -103,8 +109,7 @@ def _ratios(
         g1, g2, g3: geometry of the axes, shape (n_axes, n).
         inverse_feed: of the feed limits, shape (n,).
         q, slope, bend: profile, shape (n,).
-        models: by their limits, shape (10, n_axes): 1 by those of velocity, acceleration and jerk; inertia, viscous,
-            offset and coulomb; ka, kv, kj.
+        models: of the axes, shape (n_axes,).
     """
     ratios = np.empty(len(q))
     for n in range(len(q)):
@@ -114,9 +119,10 @@ def _ratios(
             v = g1[axis, n] * root
             a = g2[axis, n] * q[n] + 0.5 * g1[axis, n] * slope[n]
             j = root * (g3[axis, n] * q[n] + 1.5 * g2[axis, n] * slope[n] + 0.5 * g1[axis, n] * bend[n])
-            control = models[3, axis] * a + models[4, axis] * v + models[5, axis] + models[6, axis] * np.sign(v)
-            error = models[7, axis] * a + models[8, axis] * v + models[9, axis] * j
-            kinematic = max(abs(v) * models[0, axis], abs(a) * models[1, axis], abs(j) * models[2, axis])
+            model = models[axis]
+            control = model.inertia * a + model.viscous * v + model.offset + model.coulomb * np.sign(v)
+            error = model.ka * a + model.kv * v + model.kj * j
+            kinematic = max(abs(v) * model.velocity, abs(a) * model.acceleration, abs(j) * model.jerk)
             worst = max(worst, kinematic, abs(control), abs(error))
         ratios[n] = worst
     return ratios

@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
-from feedopt_core.arrays import FloatArray, IntArray
+from feedopt_core.arrays import FloatArray, IntArray, RecordArray, record
 from feedopt_core.compiled import compiled
 from feedopt_core.errors import SolverError
 
@@ -28,7 +29,11 @@ class ElementKind(IntEnum):
 
 
 # Plain numbers for compiled code.
-_QUADRATIC, _REST_START = float(ElementKind.QUADRATIC), float(ElementKind.REST_START)
+_QUADRATIC, _REST_START = int(ElementKind.QUADRATIC), int(ElementKind.REST_START)
+_ELEMENT = record(kind="i8", q_mm2_s2="f8", dq_ds_mm_s2="f8", d2q_ds2_per_s2="f8", jerk_mm_s3="f8")
+"""An element of the profile as compiled code reads it; the fields are those of :class:`FeedProfile`."""
+_S, _V, _A, _J = 0, 1, 2, 3
+"""Rows of the motion along the path."""
 
 
 @dataclass(frozen=True)
@@ -132,8 +137,14 @@ class FeedProfile:
     def states_within(self, elements: IntArray, tau_s: FloatArray) -> MotionStates:
         """Exact motion at times from the start of the elements, shape (n,) each."""
         elements = np.ascontiguousarray(elements)
-        rows = np.stack([self.kind, self.q_mm2_s2, self.dq_ds_mm_s2, self.d2q_ds2_per_s2, self.jerk_mm_s3], axis=1)
-        return MotionStates(*_motion(rows, self.s_mm, self.times_s, elements, np.ascontiguousarray(tau_s)))
+        return MotionStates(*_motion(self._records, self.s_mm, self.times_s, elements, np.ascontiguousarray(tau_s)))
+
+    @cached_property
+    def _records(self) -> RecordArray:
+        records = np.empty(len(self.kind), _ELEMENT)
+        for name in _ELEMENT.names or ():
+            records[name] = getattr(self, name)
+        return records
 
     @staticmethod
     def _elements_at(values: FloatArray, edges: FloatArray) -> IntArray:
@@ -169,34 +180,36 @@ class FeedProfile:
 
 @compiled
 def _motion(
-    rows: FloatArray, s_mm: FloatArray, times_s: FloatArray, elements: IntArray, tau_s: FloatArray
+    records: RecordArray, s_mm: FloatArray, times_s: FloatArray, elements: IntArray, tau_s: FloatArray
 ) -> FloatArray:
     """s, v, a and j at times within elements, shape (4, n).
 
     Args:
-        rows: kind, q, dq/ds, d2q/ds2 and rest jerk of each element, shape (m, 5).
+        records: of the elements, shape (m,).
         s_mm, times_s: ends of the elements, shape (m + 1,).
         elements, tau_s: which element, and time from its start, shape (n,).
     """
     out = np.empty((4, len(tau_s)))
     for i in range(len(tau_s)):
         e, tau = elements[i], tau_s[i]
-        kind, jerk = rows[e, 0], rows[e, 4]
-        if kind == _QUADRATIC:
-            v0, half_slope, k = math.sqrt(rows[e, 1]), 0.5 * rows[e, 2], 0.5 * rows[e, 3]
+        element = records[e]
+        jerk = element.jerk_mm_s3
+        if element.kind == _QUADRATIC:
+            v0 = math.sqrt(element.q_mm2_s2)
+            half_slope, k = 0.5 * element.dq_ds_mm_s2, 0.5 * element.d2q_ds2_per_s2
             cosh, sinh_over, bulge = _stumpff(k, tau)
-            out[0, i] = s_mm[e] + v0 * sinh_over + half_slope * bulge
-            out[1, i] = v0 * cosh + half_slope * sinh_over
-            out[2, i] = v0 * k * sinh_over + half_slope * cosh
-            out[3, i] = k * out[1, i]
+            out[_S, i] = s_mm[e] + v0 * sinh_over + half_slope * bulge
+            out[_V, i] = v0 * cosh + half_slope * sinh_over
+            out[_A, i] = v0 * k * sinh_over + half_slope * cosh
+            out[_J, i] = k * out[_V, i]
         else:
-            sign = 1.0 if kind == _REST_START else -1.0
+            sign = 1.0 if element.kind == _REST_START else -1.0
             from_rest = tau if sign > 0.0 else times_s[e + 1] - times_s[e] - tau
             rest_mm = s_mm[e] if sign > 0.0 else s_mm[e + 1]
-            out[0, i] = rest_mm + sign * jerk * from_rest**3 / 6.0
-            out[1, i] = 0.5 * jerk * from_rest**2
-            out[2, i] = sign * jerk * from_rest
-            out[3, i] = jerk
+            out[_S, i] = rest_mm + sign * jerk * from_rest**3 / 6.0
+            out[_V, i] = 0.5 * jerk * from_rest**2
+            out[_A, i] = sign * jerk * from_rest
+            out[_J, i] = jerk
     return out
 
 

@@ -17,6 +17,8 @@ from feedopt_core.compiled import compiled
 from feedopt_core.geometry.quadrature import gauss_legendre
 
 DEGREE = 5
+_MAIN = 0
+"""Column of the main diagonal of a banded matrix; column k holds the k-th one above it."""
 _ORDER = DEGREE + 1
 _SMOOTHEST_SPANS = 6.0
 _INTERPOLATING_SPANS = 0.05
@@ -103,22 +105,22 @@ def _solve_banded(bands: FloatArray, right: FloatArray, low: int, high: int) -> 
             if k == 0:
                 if not value > 0.0:
                     return False
-                bands[i, 0] = np.sqrt(value)
+                bands[i, _MAIN] = np.sqrt(value)
             else:
-                bands[i, k] = value / bands[i, 0]
+                bands[i, k] = value / bands[i, _MAIN]
     dimensions = right.shape[1]
     for i in range(low, high):
         for m in range(max(low, i - DEGREE), i):
             for c in range(dimensions):
                 right[i, c] -= bands[m, i - m] * right[m, c]
         for c in range(dimensions):
-            right[i, c] /= bands[i, 0]
+            right[i, c] /= bands[i, _MAIN]
     for i in range(high - 1, low - 1, -1):
         for m in range(i + 1, min(i + _ORDER, high)):
             for c in range(dimensions):
                 right[i, c] -= bands[i, m - i] * right[m, c]
         for c in range(dimensions):
-            right[i, c] /= bands[i, 0]
+            right[i, c] /= bands[i, _MAIN]
     return True
 
 
@@ -139,7 +141,7 @@ def _improve(
     right = np.zeros((count, dimensions))
     for i in range(count):
         for c in range(dimensions):
-            right[i, c] -= rough[i, 0] * control[i, c]
+            right[i, c] -= rough[i, _MAIN] * control[i, c]
         for k in range(1, min(_ORDER, count - i)):
             for c in range(dimensions):
                 right[i, c] -= rough[i, k] * control[i + k, c]
