@@ -126,6 +126,6 @@ def test_a_lost_set_point_is_a_fault_and_the_next_program_runs(bench: Bench) -> 
     assert failure is not None
     assert failure.kind is FailureKind.SEQUENCE_GAP
     assert failure.message == (
-        "/axis_setpoint: program 3 has sequence 101 where 100 was due: a message is lost, execute the program again"
+        "/axis_setpoint: program 3 has sequence 101, expected 100: a message was lost, execute the program again"
     )
     assert len(run(bench, 4)) == TICKS

@@ -1,1 +1,1 @@
-"""The rclpy shell that the nodes share."""
+"""The rclpy code that all nodes use."""

@@ -1,6 +1,6 @@
-"""The one place where feedopt messages and domain types of the core meet. Arrays cross as ``array.array``, row-major.
+"""Conversions between feedopt messages and domain types of the core. Arrays become ``array.array``, row-major.
 
-``array.array("d", values.tobytes())`` is a hundred times faster than handing numpy to a message field.
+``array.array("d", values.tobytes())`` is a hundred times faster than assigning a numpy array to a message field.
 """
 
 from __future__ import annotations
@@ -58,22 +58,22 @@ def nanoseconds(stamp: Time) -> int:
 
 
 def doubles(values: FloatArray) -> array[float]:
-    """A float64 array of any shape, row-major, as a message field takes it."""
+    """A float64 array of any shape as the value of a message field, row-major."""
     return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
 
 def floats(field: Sequence[float]) -> FloatArray:
-    """A message field as a float64 array of its own, shape (n,)."""
+    """Copy of a message field as a float64 array, shape (n,)."""
     return np.array(field, dtype=np.float64) if not isinstance(field, array) else np.frombuffer(field).copy()
 
 
 def set_plain(message: Any, name: str, value: object) -> None:
-    """Set a scalar field with the very type it has: rclpy does not check, and a wrong one aborts the process."""
+    """Set a scalar field, converted to its exact type: rclpy does not check, and a wrong type aborts the process."""
     setattr(message, name, _PLAIN[message.get_fields_and_field_types()[name].rstrip("0123456789")](value))
 
 
 def segment_to_message(segment: Segment, program_id: int) -> ToolpathSegment:
-    """Segment of a program; the stamp is left to the publisher."""
+    """Segment of a program as a message; the publisher sets the stamp."""
     place = segment.place
     message = ToolpathSegment(program_id=program_id, kind=int(segment.kind), length_mm=float(segment.length_mm))
     for name in _PLACE_FIELDS:
@@ -102,7 +102,7 @@ def segment_from_message(message: ToolpathSegment) -> Segment:
     """Segment of a program.
 
     Raises:
-        ToolpathError: parameters that are no curve.
+        ToolpathError: the parameters do not describe a curve.
     """
     place = SegmentPlace(**{name: getattr(message, name) for name in _PLACE_FIELDS}, events=tuple(message.events))
     kind = SegmentKind(message.kind)
@@ -131,7 +131,7 @@ def segment_from_message(message: ToolpathSegment) -> Segment:
 
 
 def chunk_to_message(chunk: Chunk, program_id: int) -> FeedProfileChunk:
-    """Feed-profile chunk of a program; the stamp is left to the publisher."""
+    """Feed-profile chunk of a program as a message; the publisher sets the stamp."""
     message = FeedProfileChunk(program_id=program_id)
     for name in _CHUNK_FIELDS:
         set_plain(message, name, getattr(chunk, name))
@@ -151,7 +151,7 @@ def chunk_from_message(message: FeedProfileChunk) -> Chunk:
     """Feed-profile chunk of a program.
 
     Raises:
-        SolverError: its elements are no motion.
+        SolverError: its elements do not describe a motion.
     """
     profile = FeedProfile(
         np.frombuffer(bytes(message.kind), dtype=np.uint8).astype(np.int64),
@@ -165,7 +165,7 @@ def chunk_from_message(message: FeedProfileChunk) -> Chunk:
 
 
 def machine_to_message(machine: Machine) -> MachineMessage:
-    """Machine with NaN for what its file does not give; the stamp is left to the publisher."""
+    """Machine, with NaN for values missing in its file; the publisher sets the stamp."""
     axes = len(machine.axis_names)
     unknown = (math.nan,) * axes
     message = MachineMessage(
@@ -189,7 +189,7 @@ def machine_to_message(machine: Machine) -> MachineMessage:
 
 
 def machine_from_message(message: MachineMessage) -> Machine:
-    """Machine as published; what is NaN in the message is None, a kinematic limit infinity."""
+    """Machine of a message; NaN becomes infinity for a kinematic limit and None for all other values."""
     limits = {
         name: tuple(math.inf if math.isnan(x) else float(x) for x in getattr(message, name))
         for name in _KINEMATIC_LIMITS
@@ -213,7 +213,7 @@ def machine_from_message(message: MachineMessage) -> Machine:
 
 
 def _model(kind: type[_Model], names: Sequence[str], message: MachineMessage) -> _Model | None:
-    """A model of the machine; None where one of its rows is NaN."""
+    """A model of the machine; None if one of its rows is NaN."""
     rows = {name: _known(getattr(message, name)) for name in names}
     return kind(**{name: row for name, row in rows.items() if row is not None}) if None not in rows.values() else None
 

@@ -1,4 +1,4 @@
-"""Errors of the ROS shell, below the root of the core's errors."""
+"""Errors of the nodes; their base class is the FeedoptError of the core."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from feedopt_core.errors import FailureKind, FeedoptError
 
 
 class SecondGraphError(FeedoptError):
-    """Another graph already runs on this ROS domain; the message names it and the way out."""
+    """Another graph already runs on this ROS domain; the message names the node and the remedy."""
 
     kind = FailureKind.SECOND_GRAPH
 

@@ -1,5 +1,7 @@
-"""Failures to messages and back. Apart from ``conversions.py``, which takes the geometry of the core with it: importing
-that costs 1.7 s of processor time, and every node reports failures, also the recorder, which has no use for geometry.
+"""Conversions between failures and messages.
+
+Separate from ``conversions.py``, which imports the geometry of the core and needs 1.7 s of processor time for it. Every
+node reports failures, also the recorder, which needs no geometry.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ _KNOWN_KINDS = frozenset(FailureKind)
 
 
 def failure_to_message(failure: Failure) -> FailureMessage:
-    """Failure with NaN for what is None."""
+    """Failure as a message; None becomes NaN."""
     message = FailureMessage(kind=int(failure.kind))
     for name in _TEXTS:
         setattr(message, name, str(getattr(failure, name)))
@@ -31,7 +33,7 @@ def failure_to_message(failure: Failure) -> FailureMessage:
 
 
 def failure_from_message(message: Any) -> Failure | None:
-    """Failure as sent, also of a recorded message; None where nothing failed. A kind nobody knows is OTHER."""
+    """Failure of a message, live or recorded; None if nothing failed. An unknown kind becomes OTHER."""
     if message.kind == FailureMessage.NONE:
         return None
     fields: dict[str, Any] = {name: str(getattr(message, name)) for name in _TEXTS}
@@ -43,7 +45,7 @@ def failure_from_message(message: Any) -> Failure | None:
 
 
 def failure_of_status(status: Any) -> Failure | None:
-    """Cause of a FAULT, also of a recorded one; None in any other state. Without a cause, the text stands for it."""
+    """Cause of a FAULT, live or recorded; None in any other state. If the cause is missing, the text replaces it."""
     if status.state != NodeStatus.FAULT:
         return None
     return failure_from_message(status.failure) or Failure(kind=FailureKind.OTHER, message=str(status.text))

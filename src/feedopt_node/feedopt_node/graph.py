@@ -1,4 +1,4 @@
-"""The graph of nodes and topics, read from ``config/graph.yaml``, for launch file, command and nodes. Free of ROS."""
+"""The graph of nodes and topics from ``config/graph.yaml``, for launch file, command and nodes. Free of ROS."""
 
 from __future__ import annotations
 
@@ -16,22 +16,24 @@ from feedopt_core.schema import build, parameter
 ParameterValue: TypeAlias = bool | int | float | str | tuple[str, ...]
 
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-"""Environment of every node: linear algebra in one thread, for equal results and for the other nodes' sake."""
+"""Environment of every node: linear algebra in one thread, for reproducible results and free cores."""
 
 
 @dataclass(frozen=True)
 class Qos:
-    """Quality of service of a topic, by the names ``graph.yaml`` uses."""
+    """Quality of service of a topic, with the names of ``graph.yaml``."""
 
     name: str = parameter("Name of the quality of service.", entry_name=True)
     reliability: str = parameter("Whether lost messages are sent again.", choices=("reliable", "best_effort"))
-    durability: str = parameter("Whether late joiners get a message.", choices=("volatile", "transient_local"))
-    depth: int = parameter("Messages kept for a slow reader.", at_least=1)
+    durability: str = parameter(
+        "Whether a node that starts later receives earlier messages.", choices=("volatile", "transient_local")
+    )
+    depth: int = parameter("Messages kept for a slow subscriber.", at_least=1)
 
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic: its message type such as ``feedopt_msgs/msg/AxisState``, who publishes and who subscribes."""
+    """One topic: its message type such as ``feedopt_msgs/msg/AxisState``, its publishers and its subscribers."""
 
     name: str
     type: str
@@ -51,18 +53,18 @@ class Action:
 
 @dataclass(frozen=True)
 class NodeEntry:
-    """One node: the executable that starts it, its parameter file below ``config/``, whether it takes a machine."""
+    """One node: its executable, its parameter file below ``config/``, and whether it needs a machine file."""
 
     name: str = parameter("Name of the node.", entry_name=True)
     package: str = parameter("Package with its executable.")
-    executable: str = parameter("Executable that starts it.")
+    executable: str = parameter("Executable of the node.")
     parameters: str = parameter("Parameter file below config/.")
-    machine: bool = parameter("Whether it takes a machine.", default=False)
+    machine: bool = parameter("Whether it needs a machine file.", default=False)
 
 
 @dataclass(frozen=True)
 class NodeProcess:
-    """How one node of a chosen graph is started: what a launch file and a process starter need alike."""
+    """Start of one node of a chosen graph, for the launch file and for the command."""
 
     name: str
     package: str
@@ -71,11 +73,11 @@ class NodeProcess:
     parameters: Mapping[str, ParameterValue]
 
     def ros_parameters(self) -> dict[str, Any]:
-        """Parameters with lists where ROS wants lists."""
+        """Parameters with tuples as lists, as ROS expects them."""
         return {key: list(value) if isinstance(value, tuple) else value for key, value in self.parameters.items()}
 
     def parameters_yaml(self) -> str:
-        """What the node is started with, as one parameter file: its own file with the further parameters over it.
+        """All parameters of the node as one parameter file: those of its own file, overridden by ``parameters``.
 
         Raises:
             ConfigError: the parameter file cannot be read.
@@ -110,12 +112,12 @@ class Graph:
         return tuple(topic for topic in self.topics.values() if node in topic.subscribers)
 
     def required_subscriptions(self, node: str, present: Iterable[str]) -> dict[str, int]:
-        """Subscriptions each publisher of a node waits for, counting only the nodes that are present."""
+        """Number of subscriptions that each publisher of a node waits for; counts only the present nodes."""
         names = self._checked(present)
         return {topic.name: sum(name in names for name in topic.subscribers) for topic in self.publications(node)}
 
     def required_publishers(self, node: str, present: Iterable[str]) -> dict[str, int]:
-        """Publishers each subscription of a node waits for, counting only the nodes that are present."""
+        """Number of publishers that each subscription of a node waits for; counts only the present nodes."""
         names = self._checked(present)
         return {topic.name: sum(name in names for name in topic.publishers) for topic in self.subscriptions(node)}
 
@@ -127,15 +129,15 @@ class Graph:
     def processes(
         self, present: Iterable[str], machine: str, extra: Mapping[str, Mapping[str, ParameterValue]] | None = None
     ) -> tuple[NodeProcess, ...]:
-        """How each present node is started.
+        """Start of each present node.
 
         Args:
             present: names of the nodes to start.
-            machine: machine file (or its name) for the nodes that take one.
-            extra: further parameters by node; they win over the parameter file.
+            machine: machine file (or its name) for the nodes that need one.
+            extra: further parameters by node; they override the parameter file.
 
         Raises:
-            ConfigError: a name that is not a node of the graph.
+            ConfigError: a name is not a node of the graph.
         """
         names = self._checked(present)
         extra = extra or {}
@@ -160,17 +162,17 @@ class Graph:
 
 
 def yaml_flow(value: Any) -> str:
-    """A parameter value as one line of YAML, the way ROS reads it on a command line."""
+    """A parameter value as one line of YAML, as ROS reads it on a command line."""
     text = yaml.safe_dump(value, default_flow_style=True, width=float("inf"), allow_unicode=True)
     return text.removesuffix("\n").removesuffix("\n...")
 
 
 def load_graph(path: Path | None = None) -> Graph:
-    """Read the graph; without a path, the installed ``graph.yaml``.
+    """Read a graph file; without a path, the installed ``graph.yaml``.
 
     Raises:
-        ConfigError: not readable, a key that is unknown, missing or impossible, or an entry that names an unknown node
-            or quality of service.
+        ConfigError: the file cannot be read, a key is unknown, missing or invalid, or an entry names an unknown node or
+            quality of service.
     """
     path = path or config_directory() / "graph.yaml"
     source = str(path)
@@ -184,7 +186,7 @@ def load_graph(path: Path | None = None) -> Graph:
 
 @dataclass(frozen=True)
 class _TopicEntry:
-    """A topic as the file has it, with its quality of service by name."""
+    """A topic of the file, with the name of its quality of service."""
 
     type: str = parameter("Message type, such as feedopt_msgs/msg/AxisState.")
     publishers: tuple[str, ...] = parameter("Nodes that publish it.", key="from")
@@ -194,7 +196,7 @@ class _TopicEntry:
 
 @dataclass(frozen=True)
 class _GraphFile:
-    """What ``graph.yaml`` holds."""
+    """Content of ``graph.yaml``."""
 
     qos: Mapping[str, Qos] = parameter("Qualities of service by name.")
     topics: Mapping[str, _TopicEntry] = parameter("Topics by name.")

@@ -1,4 +1,4 @@
-"""Base class of every node of the graph: parameters, publishers and subscriptions as ``graph.yaml`` says."""
+"""Base class of every node of the graph: parameters, and publishers and subscriptions as defined in ``graph.yaml``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def interface_class(type_name: str) -> Any:
     """Python class of a message or action type such as ``feedopt_msgs/msg/AxisState``.
 
     Raises:
-        ConfigError: the package that holds it is not built or not sourced.
+        ConfigError: its package is not built or not sourced.
     """
     package, folder, name = type_name.split("/")
     try:
@@ -37,15 +37,15 @@ def interface_class(type_name: str) -> Any:
 
 
 class GraphNode(Node, Generic[P]):
-    """A node whose topics stand in ``graph.yaml`` and whose parameters are one frozen dataclass.
+    """A node with the topics of ``graph.yaml`` and one frozen dataclass of parameters.
 
     Args:
         name: name of the node in the graph.
         parameters: its parameter dataclass.
-        polled: the node calls ``life.poll`` itself, often.
+        polled: the node itself calls ``life.poll``, many times a second.
 
     Raises:
-        ConfigError: a parameter or a name the graph does not know.
+        ConfigError: a parameter is invalid, or the graph has no node of that name.
     """
 
     def __init__(self, name: str, parameters: type[P], *, polled: bool = False) -> None:
@@ -75,7 +75,7 @@ class GraphNode(Node, Generic[P]):
     ) -> Subscription:
         """Subscription to a topic of the graph; readiness waits for its publishers.
 
-        ``raw`` gives the CDR bytes; ``depth`` keeps more messages than the graph says, for one who may take them late.
+        ``raw`` gives the CDR bytes. ``depth`` keeps more messages than the graph defines, if they are taken late.
         """
         entry = self._topic(topic, self.graph.subscriptions(self.get_name()))
         profile = qos_profile(replace(entry.qos, depth=max(depth, entry.qos.depth)))
@@ -86,10 +86,10 @@ class GraphNode(Node, Generic[P]):
         return subscription
 
     def close(self) -> None:
-        """Called once when the process ends; a node with threads of its own ends them here."""
+        """Called once when the process ends; a node with own threads ends them here."""
 
     def _topic(self, name: str, topics: tuple[Topic, ...]) -> Topic:
         for topic in topics:
             if topic.name == name:
                 return topic
-        raise ConfigError(f"graph.yaml does not give node {self.get_name()} the topic {name}")
+        raise ConfigError(f"graph.yaml does not list the topic {name} for node {self.get_name()}")

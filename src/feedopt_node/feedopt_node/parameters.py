@@ -1,6 +1,6 @@
-"""Node parameters: one frozen dataclass a node, filled from ROS or from the same YAML file without ROS.
+"""Node parameters: one frozen dataclass per node, filled from ROS or, without ROS, from the same YAML file.
 
-Inheritance composes the dataclasses; :mod:`feedopt_core.schema` fills and checks them.
+The dataclasses are composed by inheritance. :mod:`feedopt_core.schema` fills and checks them.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 @dataclass(frozen=True)
 class GraphParameters:
-    """Parameters every node of the graph has."""
+    """Parameters of every node of the graph."""
 
     present_nodes: tuple[str, ...] = parameter(
-        "Nodes of the graph that were started; readiness waits for these alone. Empty: all of them.", default=()
+        "Nodes of the graph that were started; a node waits only for these. Empty: all nodes.", default=()
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class MachineNodeParameters(GraphParameters):
-    """Parameters of the nodes that take a machine."""
+    """Parameters of the nodes that need a machine file."""
 
     machine: str = parameter("Machine file, or its name in config/machines.")
 
 
 def load_parameters(cls: type[P], path: Path, node: str, *, beside: Iterable[str] = ()) -> P:
-    """Fill a parameter dataclass from a ROS parameter file: section ``/**`` first, then the node's own.
+    """Fill a parameter dataclass from a ROS parameter file: section ``/**``, overridden by the node's own section.
 
     Args:
         cls: the dataclass.
         path: the file.
         node: name of the node.
-        beside: parameters of the node that stand in the file and not in this dataclass.
+        beside: parameters of the node in the file that do not belong to this dataclass.
 
     Raises:
         ConfigError: the file cannot be read, or as :func:`feedopt_core.schema.build`.
@@ -56,9 +56,9 @@ def load_parameters(cls: type[P], path: Path, node: str, *, beside: Iterable[str
 
 
 def declare_parameters(node: Node, cls: type[P]) -> P:
-    """Fill a parameter dataclass from the parameters a node was started with, and declare each of them read-only.
+    """Fill a parameter dataclass from the start parameters of a node, and declare each of them read-only.
 
-    The node must have been made with ``automatically_declare_parameters_from_overrides=True``.
+    The node must have been created with ``automatically_declare_parameters_from_overrides=True``.
 
     Raises:
         ConfigError: as :func:`feedopt_core.schema.build`.
@@ -69,7 +69,7 @@ def declare_parameters(node: Node, cls: type[P]) -> P:
     parameters = build(cls, given, f"parameters of node {node.get_name()}")
     for entry in fields(cls):
         if node.has_parameter(entry.name):
-            # A whole number given for a float was accepted: declare it anew under its right type.
+            # An integer is accepted for a float: declare the parameter again with its correct type.
             node.undeclare_parameter(entry.name)
         value = getattr(parameters, entry.name)
         _declare(node, entry.name, value, _descriptor(value, rule_of(entry)))
@@ -77,7 +77,7 @@ def declare_parameters(node: Node, cls: type[P]) -> P:
 
 
 def _descriptor(value: Any, rule: Rule) -> Any:
-    # Imported here so that parameter files can be read where ROS is not installed.
+    # Imported here so that parameter files can be read without ROS.
     from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
     descriptor = ParameterDescriptor(description=rule.doc + (f" [{rule.unit}]" if rule.unit else ""), read_only=True)
@@ -97,7 +97,7 @@ def _declare(node: Node, name: str, value: Any, descriptor: Any) -> None:
     from rclpy.parameter import Parameter
 
     if value == ():
-        # An empty list has no type of its own in ROS: it is declared by type and left without a value.
+        # An empty list has no type in ROS: declare the type without a value.
         value = Parameter.Type.STRING_ARRAY
     elif isinstance(value, tuple):
         value = list(value)

@@ -1,4 +1,4 @@
-"""A thread of a node that calls a function at a steady rate, such as one that empties its subscriptions."""
+"""A thread of a node that calls a function at a constant rate, for example to read its subscriptions."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from feedopt_node.private_rclpy import RCLError
 
 
 class PollingThread:
-    """Calls a function at a steady rate until it is closed.
+    """Calls a function at a constant rate until it is closed.
 
     Args:
         name: name of the thread.
         period_s: time between calls.
         poll: called from the thread.
-        failed: called with an exception that ``poll`` raised; the thread ends then.
+        failed: called with an exception that ``poll`` raised; the thread then ends.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class PollingThread:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread after the call it is in."""
+        """End the thread after its current call."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -43,7 +43,7 @@ class PollingThread:
         try:
             while not self._stop.wait(self._period_s):
                 self._poll()
-        except Exception as error:  # noqa: BLE001 (handed on to the node)
-            # A signal shuts ROS down at any moment; what the call was about to do with it then fails.
+        except Exception as error:  # noqa: BLE001 (passed to the node)
+            # A signal can shut ROS down at any moment; calls of ROS then raise RCLError.
             if rclpy.ok() or not isinstance(error, RCLError):
                 self._failed(error)

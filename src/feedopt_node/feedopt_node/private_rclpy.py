@@ -1,10 +1,12 @@
-"""The one file that uses parts of rclpy outside its documentation. What it relies on stands in its test, by name.
+"""The only file that uses undocumented parts of rclpy. Its test checks each of them by name.
 
-- ``RCLError`` is what every call of rclpy raises once a signal has shut ROS down. It has no public name.
-- ``handle.take_message`` takes a message without an executor. Waking one costs 250 us a message, taking one 40 us: at
-  1 kHz that decides whether a node keeps up. With ``raw`` it gives the CDR bytes, and the stamps of the middleware.
+- ``RCLError`` is raised by every call of rclpy after a signal has shut ROS down. It has no public name.
+- ``handle.take_message`` takes a message without an executor. Waking the executor needs 250 us per message, taking a
+  message 40 us. At 1 kHz this decides whether a node keeps up. With ``raw`` it returns the CDR bytes. It also returns
+  the time stamps of the middleware.
 - ``handle.call_timer`` starts the next period of a timer that no executor calls.
-- An executor asks the callback group of an entity before it waits for it; a group that refuses keeps it asleep.
+- An executor asks the callback group of an entity before it waits for the entity. If the group refuses, the executor
+  does not wake up for it.
 """
 
 from __future__ import annotations
@@ -24,23 +26,23 @@ class PolledGroup(CallbackGroup):
     """Entities that no executor waits for."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Never: the node takes the messages itself."""
+        """Always False: the node takes the messages itself."""
         return False
 
     def beginning_execution(self, entity: Any) -> bool:
-        """Never begins."""
+        """Always False: no execution begins."""
         return False
 
     def ending_execution(self, entity: Any) -> None:
-        """Never called: nothing here is executed."""
+        """Not called, because nothing is executed."""
 
 
 def take_all(subscription: Subscription, *, raw: bool = False) -> Iterator[tuple[Any, dict[str, Any]]]:
-    """Messages that have arrived, in order, each with what the middleware says of it.
+    """Messages that have arrived, in order, each with the information of the middleware about it.
 
     Args:
-        subscription: of a :class:`PolledGroup`.
-        raw: the CDR bytes in place of the message.
+        subscription: a subscription in a :class:`PolledGroup`.
+        raw: return the CDR bytes instead of the message.
     """
     while True:
         with subscription.handle:
@@ -51,7 +53,7 @@ def take_all(subscription: Subscription, *, raw: bool = False) -> Iterator[tuple
 
 
 def call_if_due(timer: Timer) -> None:
-    """Call a timer of a :class:`PolledGroup` whose period has passed."""
+    """Call a timer of a :class:`PolledGroup` if its period has passed."""
     if not timer.is_canceled() and timer.is_ready():
         with timer.handle:
             timer.handle.call_timer()

@@ -1,4 +1,4 @@
-"""Quality of service by the names of ``graph.yaml``, as rclpy wants it."""
+"""Quality of service of ``graph.yaml`` as rclpy profiles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Life of a node's process, and its exit codes."""
+"""Start, spin and end of a node's process, and its exit codes."""
 
 from __future__ import annotations
 
@@ -21,23 +21,25 @@ EXIT_CONFIG = 2
 EXIT_SECOND_GRAPH = 3
 _EXIT_CODES = {FailureKind.CONFIG: EXIT_CONFIG, FailureKind.SECOND_GRAPH: EXIT_SECOND_GRAPH}
 
-# rclpy wakes the executor first and shuts ROS down afterwards. An executor that looks in between finds all well and
-# waits again, for ever where nothing else wakes it (a recorder asked to end stayed once in some 60 times).
+# On a signal, rclpy first wakes the executor and then shuts ROS down. An executor that checks in between still finds
+# ROS running and waits again, for ever if nothing else wakes it (once in about 60 ends of the recorder).
 _WAKE_PERIOD_S = 0.2
 
 
 def run_node(factory: Callable[[], GraphNode[Any]], *, threads: int = 1, arguments: list[str] | None = None) -> int:
-    """Make a node and spin it until SIGINT, SIGTERM or an error that ends it.
+    """Create a node and spin it until SIGINT, SIGTERM or an error ends it.
 
     Args:
-        factory: makes the node; called after rclpy is up. Its ``close`` is called at the end.
-        threads: threads of the executor.
-        arguments: command line; None: that of the process.
+        factory: creates the node, after rclpy is initialised. ``close`` of the node is called at the end.
+        threads: number of threads of the executor.
+        arguments: command line; None: the command line of the process.
 
     Returns:
-        Exit code: 0 after a signal, 1 after a failure, 2 for a bad parameter or file, 3 beside an older graph.
+        Exit code: 0 after a signal, 1 after a failure, 2 for an invalid parameter or file, 3 if another graph was
+        already running.
     """
-    # rclpy's own handler shuts the context down. Python's would raise KeyboardInterrupt even inside rclpy's C++.
+    # The handler of rclpy shuts the context down. The handler of Python would raise KeyboardInterrupt even inside the
+    # C++ code of rclpy.
     signal.signal(signal.SIGINT, _leave_to_rclpy)
     rclpy.init(args=arguments)
     executor: Executor = SingleThreadedExecutor() if threads == 1 else MultiThreadedExecutor(num_threads=threads)
@@ -67,13 +69,13 @@ def run_node(factory: Callable[[], GraphNode[Any]], *, threads: int = 1, argumen
 
 
 def exit_code(error: FeedoptError) -> int:
-    """Exit code of a process that ends with this error."""
+    """Exit code of a process that ended with this error."""
     return _EXIT_CODES.get(error.kind, EXIT_FAILURE)
 
 
 def _wake() -> None:
-    """Nothing to do but look whether ROS still runs, which the executor does after every wait."""
+    """Do nothing: after every wait the executor itself checks whether ROS is running."""
 
 
 def _leave_to_rclpy(number: int, frame: FrameType | None) -> None:
-    """Signal handler."""
+    """Signal handler that leaves the reaction to rclpy."""

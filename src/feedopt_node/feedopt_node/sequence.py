@@ -1,4 +1,4 @@
-"""Messages of a stream in order: 1, 2, 3, ... within each program, a gap is an error."""
+"""Check of the sequence of a stream: 1, 2, 3, ... within each program; a gap is an error."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from feedopt_node.errors import SequenceGapError
 
 
 class SequenceCheck:
-    """Follows program and sequence of one input topic.
+    """Checks program and sequence number of one input topic.
 
-    A message with sequence 1 opens a program, whatever went before. After an error or the end of a program,
-    what is left of it is skipped.
+    A message with sequence 1 always opens a program. After an error or the end of a program, its remaining messages are
+    skipped.
     """
 
     def __init__(self, topic: str) -> None:
@@ -28,10 +28,10 @@ class SequenceCheck:
         return sequence == 1 and (not self._open or program_id != self._program_id)
 
     def accept(self, program_id: int, sequence: int) -> bool:
-        """Check a message against the one before; False: it belongs to a program that is closed, skip it.
+        """Compare a message with the previous one; False: its program is closed, skip the message.
 
         Raises:
-            SequenceGapError: a message is missing. The program is closed then.
+            SequenceGapError: a message is missing. The program is then closed.
         """
         if self.starts_program(program_id, sequence):
             self._program_id, self._sequence, self._open = program_id, 1, True
@@ -42,12 +42,12 @@ class SequenceCheck:
         if program_id != self._program_id or sequence != expected:
             self._program_id, self._open = program_id, False
             raise SequenceGapError(
-                f"{self._topic}: program {program_id} has sequence {sequence} where {expected} was due: "
-                "a message is lost, execute the program again"
+                f"{self._topic}: program {program_id} has sequence {sequence}, expected {expected}: "
+                "a message was lost, execute the program again"
             )
         self._sequence = sequence
         return True
 
     def close(self) -> None:
-        """Skip what is left of the program."""
+        """Skip the remaining messages of the program."""
         self._open = False

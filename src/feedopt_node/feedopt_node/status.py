@@ -24,16 +24,16 @@ from feedopt_node.qos import qos_profile
 STATUS_TOPIC = "/status"
 STATUS_PERIOD_S = 0.1
 MATCH_PERIOD_S = 0.02
-# Silence is counted in our own reports: while the whole computer stands still nobody can speak, and nobody is silent.
+# Silence is counted in reports of this node, not in time: a pause of the whole computer then makes no node silent.
 SILENCE_BEATS = 50
 
 READY_STATES = (NodeStatus.READY, NodeStatus.RUNNING, NodeStatus.DONE, NodeStatus.FAULT)
 
 
 class PeerStatuses:
-    """The latest status of each node, by name; kept apart from ROS so that the rules can be tested.
+    """The latest status of each node, by name; independent of ROS, so that its rules can be tested.
 
-    Where two instances of one name are heard, the older one counts until it falls silent.
+    If two instances of one name report, the older one counts until it is silent.
     """
 
     def __init__(self, own_name: str, own_instance: int) -> None:
@@ -43,14 +43,14 @@ class PeerStatuses:
         self._beats = 0
 
     def beat(self) -> None:
-        """A period of status reports has passed in which this node could hear its peers."""
+        """Count one status period in which this node could receive statuses."""
         self._beats += 1
 
     def take(self, status: NodeStatus) -> bool:
-        """Note a status; False if it is ignored (our own, or a newer instance beside an older one).
+        """Store a status; False if it is ignored: from this node, or from a newer instance beside a living older one.
 
         Raises:
-            SecondGraphError: an older instance of this very node is alive: we are the second graph.
+            SecondGraphError: an older instance of this node is alive, so this node belongs to a second graph.
         """
         if status.node == self.own_name:
             if status.instance < self.own_instance:
@@ -66,12 +66,12 @@ class PeerStatuses:
         return True
 
     def get(self, name: str) -> NodeStatus | None:
-        """Latest status of a node, None before the first."""
+        """Latest status of a node; None before the first."""
         held = self._heard.get(name)
         return held[1] if held else None
 
     def silent(self, names: Sequence[str]) -> str | None:
-        """First of the named nodes that was heard once but not for ``SILENCE_BEATS``; None if all are alive."""
+        """First of these nodes that has stopped reporting for ``SILENCE_BEATS`` periods; None if all are alive."""
         for name in names:
             held = self._heard.get(name)
             if held and self._beats - held[0] > SILENCE_BEATS:
@@ -80,12 +80,12 @@ class PeerStatuses:
 
 
 class NodeLife:
-    """Publishes the state of one node on every change and at 10 Hz, and follows its peers.
+    """Publishes the state of one node on every change and at 10 Hz, and receives the states of the other nodes.
 
-    The node is READY once every publisher has its subscriptions and every subscription its publishers.
-    ``ended`` is what :func:`feedopt_node.run.run_node` waits for; it ends with the error that ends the process.
-    Any thread may report. A node that empties its subscriptions itself may say ``polled`` and call :meth:`poll`; the
-    executor then sleeps.
+    The node is READY as soon as every publisher has its subscriptions and every subscription has its publishers.
+    :func:`feedopt_node.run.run_node` waits for ``ended``, which is set with the error that ends the process.
+    Reports are allowed from any thread. A node that reads its subscriptions itself sets ``polled`` and calls
+    :meth:`poll`; the executor then sleeps.
     """
 
     def __init__(self, node: Node, graph: Graph, present: Sequence[str], *, polled: bool = False) -> None:
@@ -118,7 +118,7 @@ class NodeLife:
 
     @property
     def program_id(self) -> int:
-        """Program the state belongs to; 0: none yet."""
+        """Program of the state; 0: no program yet."""
         return int(self._status.program_id)
 
     @property
@@ -127,11 +127,11 @@ class NodeLife:
         return self._present
 
     def watch_publisher(self, topic: str, publisher: Publisher) -> None:
-        """Readiness waits for this publisher's subscriptions."""
+        """Become READY only after this publisher has its subscriptions."""
         self._publishers[topic] = publisher
 
     def watch_subscription(self, topic: str, subscription: Subscription) -> None:
-        """Readiness waits for this subscription's publishers."""
+        """Become READY only after this subscription has its publishers."""
         self._subscriptions[topic] = subscription
 
     def on_peer(self, listener: Callable[[NodeStatus], None]) -> None:
@@ -139,11 +139,11 @@ class NodeLife:
         self._listeners.append(listener)
 
     def progress_from(self, source: Callable[[], dict[str, Any]]) -> None:
-        """Ask ``source`` for the fields that change all the time before every report."""
+        """Call ``source`` before every report for the fields that change continuously."""
         self._progress = source
 
     def report(self, **fields: Any) -> None:
-        """Set fields of the status and publish it now; after the end of ROS nobody hears it, and nothing fails."""
+        """Set fields of the status and publish it now; after the shutdown of ROS, nothing is published or raised."""
         fields = self._progress() | fields
         with self._lock:
             for name, value in fields.items():
@@ -152,12 +152,12 @@ class NodeLife:
             try:
                 self._publisher.publish(self._status)
             except RCLError:
-                # A signal shuts ROS down at any moment, and threads of the node may be here then.
+                # A signal can shut ROS down while a thread of the node is publishing here.
                 if self._node.context.ok():
                     raise
 
     def begin_program(self, program_id: int) -> None:
-        """RUNNING on a new program, all counters from zero."""
+        """Report RUNNING for a new program, with all counters at zero."""
         self.report(
             state=NodeStatus.RUNNING,
             program_id=program_id,
@@ -172,11 +172,11 @@ class NodeLife:
         )
 
     def fail(self, failure: Failure, **fields: Any) -> None:
-        """FAULT with its cause, published now; other fields as in :meth:`report`."""
+        """Report FAULT with its cause now; other fields as in :meth:`report`."""
         self.report(state=NodeStatus.FAULT, text="", failure=failure_to_message(failure), **fields)
 
     def peers_ready(self) -> str | None:
-        """None if this node and every present peer have said READY; else the name of the first that has not."""
+        """Name of the first present node, including this one, that has not reported READY; None if all have."""
         for name in self._present:
             status = self._status if name == self.peers.own_name else self.peers.get(name)
             if status is None or status.state not in READY_STATES:
@@ -184,11 +184,11 @@ class NodeLife:
         return None
 
     def silent_peer(self) -> str | None:
-        """Name of a present peer that has fallen silent, None if all are alive."""
+        """Name of a present node that has become silent; None if all are alive."""
         return self.peers.silent(self._present)
 
     def poll(self) -> None:
-        """Hear the peers, and do what is due; for a node that is not spun for it."""
+        """Receive the statuses and call the timers that are due; for a node that is not spun for them."""
         for status, _ in take_all(self._statuses):
             self._take(status)
         for timer in (self._report_timer, self._match_timer):
@@ -218,7 +218,8 @@ class NodeLife:
             (self._subscriptions[topic].get_publisher_count(), need)
             for topic, need in self._required_publishers.items()
         )
-        # More publishers than nodes: a second graph is on this domain. Its nodes hear ours and end; until then we wait.
+        # More publishers than nodes: a second graph is on this domain. Its nodes end when they receive our statuses;
+        # this node waits until then.
         alone = self._subscriptions[STATUS_TOPIC].get_publisher_count() <= len(self._present)
         if alone and all(count >= need for count, need in (*publishers, *subscriptions)):
             self._match_timer.cancel()

@@ -52,7 +52,7 @@ def test_an_older_instance_of_a_peer_counts_at_once(peers: PeerStatuses) -> None
     assert peers.get("toolpath").instance == 5
 
 
-def test_silence_is_told_from_never_heard(peers: PeerStatuses) -> None:
+def test_silence_differs_from_never_heard(peers: PeerStatuses) -> None:
     names = ("toolpath", "interpolator")
     pass_beats(peers, 10 * SILENCE_BEATS)
     assert peers.silent(names) is None
