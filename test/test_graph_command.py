@@ -103,7 +103,7 @@ def test_a_node_that_falls_silent_ends_the_program_and_is_named(tmp_path: Path) 
         os.kill(interpolator, signal.SIGCONT)
         output, errors = process.communicate(timeout=60)
     assert process.returncode == 1, errors
-    assert "interpolator: has fallen silent" in output
+    assert "interpolator: no longer publishes its status" in output
 
 
 def test_a_computer_that_stands_still_for_a_while_ends_no_program(tmp_path: Path) -> None:

@@ -21,14 +21,14 @@ _M_PER_MM = 1e-3
 
 @dataclass
 class DisplayPath:
-    """Points of the path as it is streamed, every ``spacing_mm``; spacing doubles where they grow too many."""
+    """Points of the streamed path every ``spacing_mm``; the spacing doubles if there are too many points."""
 
     spacing_mm: float
     _points_mm: list[FloatArray] = field(default_factory=list)
     _count: int = 0
 
     def add(self, segment: Segment) -> None:
-        """Sample one more segment."""
+        """Add the points of the next segment."""
         steps = max(1, int(np.ceil(segment.length_mm / self.spacing_mm)))
         s_mm = np.linspace(0.0, segment.length_mm, steps + 1)
         points_mm = segment.evaluate(s_mm if not self._points_mm else s_mm[1:]).r_mm
@@ -54,7 +54,7 @@ class DisplayPath:
 
 
 def chunk_diagnostics(chunk: Chunk, now_ns: int) -> DiagnosticArray:
-    """Cost and certificate of one chunk; WARN where it is a fallback."""
+    """Solver figures and certificate of one chunk as diagnostics; WARN if it is a fallback."""
     figures, certificate = chunk.figures, chunk.certificate
     values = {
         "chunk": str(chunk.sequence),
@@ -72,7 +72,7 @@ def chunk_diagnostics(chunk: Chunk, now_ns: int) -> DiagnosticArray:
     status = DiagnosticStatus(
         level=DiagnosticStatus.WARN if figures.fallback else DiagnosticStatus.OK,
         name="planner",
-        message="no plan for the window: it ends in a stop" if figures.fallback else "planned",
+        message="the window could not be planned: the chunk ends in a stop" if figures.fallback else "planned",
         values=[KeyValue(key=key, value=value) for key, value in values.items()],
     )
     array = DiagnosticArray(status=[status])

@@ -1,4 +1,4 @@
-"""Lines of a program that is streamed while it is executed, between the subscription and the reader. Free of ROS."""
+"""Buffer between subscription and reader for the lines of a program streamed during execution. Free of ROS."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from feedopt_core.errors import ToolpathError
 
 MOST_BLOCKS = 10_000
-"""Blocks that may wait. A sender that heeds the node's status stays far below."""
+"""Largest number of waiting blocks. A sender that follows the node's status stays far below it."""
 
 
 class LineInbox:
-    """Blocks of lines in order. The caller guards it with its own lock.
+    """Blocks of lines in order. Not thread-safe: the caller holds its own lock.
 
     Attributes:
-        sequence: last block that the reader has taken; the sender's back-pressure.
+        sequence: last block that the reader has taken; the sender uses it for back-pressure.
     """
 
     def __init__(self) -> None:
@@ -27,20 +27,21 @@ class LineInbox:
 
     @property
     def ready(self) -> bool:
-        """There is something to take: a block, the end or an error."""
+        """Whether :meth:`take` has a block, the end of the program or an error."""
         return bool(self._blocks) or self._complete or self._error is not None
 
     def put(self, sequence: int, lines: Sequence[str], *, last: bool) -> None:
-        """Take in a block of lines; an error waits for the reader, behind the lines that came before it."""
+        """Add a block of lines; an error is kept for the reader, after the lines received before it."""
         if self._complete or self._error is not None:
             return
         if sequence != self._received + 1:
             self._error = ToolpathError(
-                f"/program_lines: block {sequence} came after {self._received}; lines are lost, send the program again"
+                f"/program_lines: block {sequence} arrived after {self._received}: lines were lost, "
+                "send the program again"
             )
         elif len(self._blocks) >= MOST_BLOCKS:
             self._error = ToolpathError(
-                f"/program_lines: more than {MOST_BLOCKS} blocks are waiting; keep behind the toolpath node's status"
+                f"/program_lines: more than {MOST_BLOCKS} blocks are waiting; wait for the toolpath node's status"
             )
         else:
             self._received = sequence
@@ -48,10 +49,10 @@ class LineInbox:
             self._complete = last
 
     def take(self) -> Sequence[str] | None:
-        """The next block; None behind the last one. Call it when :attr:`ready`.
+        """The next block; None after the last one. Call it only if :attr:`ready`.
 
         Raises:
-            ToolpathError: blocks were lost, or too many came.
+            ToolpathError: blocks were lost, or too many arrived.
         """
         if self._blocks:
             self.sequence += 1

@@ -29,8 +29,8 @@ class PlannerNodeParameters(MachineNodeParameters, PlannerParameters):
     """Parameters of the planner node."""
 
     seconds_ahead: float = parameter(
-        # At least the largest start_ahead_s of the interpolator, which waits for that much before it starts.
-        "Motion committed beyond what the interpolator has reached.",
+        # The lower bound is the largest start_ahead_s of the interpolator, which waits for that much before it starts.
+        "Largest motion time committed ahead of the interpolator.",
         default=4.0,
         unit="s",
         at_least=1.0,
@@ -39,17 +39,17 @@ class PlannerNodeParameters(MachineNodeParameters, PlannerParameters):
 
 
 class PlannerNode(GraphNode[PlannerNodeParameters]):
-    """Hands segments to the planning thread and publishes what it commits."""
+    """Passes segments to the planning thread and publishes the committed chunks."""
 
     def __init__(self) -> None:
-        # Before the peers hear of this node: it is not READY while it compiles.
+        # First load the compiled code: the node must not be READY before.
         warm_up_planning()
         super().__init__(NODE_NAME, PlannerNodeParameters)
         machine = load_machine(self.parameters.machine)
         self._check = SequenceCheck("/toolpath")
         self._last_chunk = 0
         events = PlanningEvents(
-            planned=self._planned, hungry=self.life.report, finished=self._finished, failed=self._failed
+            planned=self._planned, path_needed=self.life.report, finished=self._finished, failed=self._failed
         )
         self._planning = PlanningThread(machine, self.parameters, self.parameters.seconds_ahead, events)
         self._chunks = self.publish_topic("/feed_profile")
@@ -87,7 +87,7 @@ class PlannerNode(GraphNode[PlannerNodeParameters]):
             return
         if status.state == NodeStatus.FAULT and self._planning.abandon(status.program_id):
             self._check.close()
-            self.life.report(state=NodeStatus.DONE, text=f"given up after a fault of {status.node}")
+            self.life.report(state=NodeStatus.DONE, text=f"stopped after a fault of {status.node}")
         elif status.node == "interpolator":
             self._planning.motion_reached(
                 status.program_id,

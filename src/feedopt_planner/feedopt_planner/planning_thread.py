@@ -1,4 +1,4 @@
-"""Planning beside the executor, so that messages are taken while a window is solved. Free of ROS."""
+"""Planning in a thread of its own, so that messages are received while a window is solved. Free of ROS."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from feedopt_core.planner.stream_planner import PlannerParameters, StreamPlanner
 
 @dataclass(frozen=True)
 class PlanningEvents:
-    """What the thread calls, from itself.
+    """Callbacks of the planning thread, called from that thread.
 
     Attributes:
         planned: a chunk was committed.
-        hungry: every segment was taken and more path is needed.
+        path_needed: every segment was used and planning needs more path.
         finished: the last chunk was committed.
-        failed: the program cannot be planned on; nothing more comes for it.
+        failed: planning of the program failed; no further chunk follows.
     """
 
     planned: Callable[[int, Chunk], None]
-    hungry: Callable[[], None]
+    path_needed: Callable[[], None]
     finished: Callable[[int], None]
     failed: Callable[[int, Exception], None]
 
@@ -39,17 +39,17 @@ class _Program:
     reached_s_mm: float = 0.0
     starved: int = 0
     restarted: int = 0
-    told_hungry: bool = False
-    told_finished: bool = False
+    reported_path_needed: bool = False
+    reported_finished: bool = False
 
 
 class PlanningThread:
-    """Plans one program at a time, at most ``seconds_ahead`` beyond the motion.
+    """Plans one program at a time, at most ``seconds_ahead`` of motion time ahead of the interpolator.
 
-    Segments wait in an inbox until the planner needs them: what it has taken in is what back-pressure counts.
+    Segments wait in an inbox until the planner needs them. Back-pressure counts only segments taken from the inbox.
 
     Raises:
-        ConfigError, InfeasibleLimitsError: the machine or the method cannot be planned with at all.
+        ConfigError, InfeasibleLimitsError: planning is impossible with this machine or method.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class PlanningThread:
 
     @property
     def last_segment_sequence(self) -> int:
-        """Last segment the planner has taken in."""
+        """Last segment that the planner has taken from the inbox."""
         return self._latest.last_segment_sequence if self._latest else 0
 
     @property
@@ -81,7 +81,7 @@ class PlanningThread:
         self._thread.start()
 
     def open(self, program_id: int) -> None:
-        """Begin a program; what is left of the one before is dropped."""
+        """Begin a program; the rest of the previous one is dropped."""
         with self._changed:
             self._latest = StreamPlanner(self._machine, self._parameters)
             self._program = _Program(program_id, self._latest)
@@ -97,7 +97,7 @@ class PlanningThread:
     def motion_reached(
         self, program_id: int, *, motion_time_s: float, s_mm: float, starved_chunk_sequence: int
     ) -> None:
-        """Note how far the interpolator is, and whether it took a stop because no chunk came."""
+        """Store the progress of the interpolator and the chunk whose stop it executed because no chunk arrived."""
         with self._changed:
             if self._program is not None and self._program.program_id == program_id:
                 self._program.motion_time_s = motion_time_s
@@ -106,7 +106,7 @@ class PlanningThread:
                 self._changed.notify()
 
     def abandon(self, program_id: int) -> bool:
-        """Drop a program; False where it was not open."""
+        """Drop a program; False if it was not open."""
         with self._changed:
             if self._program is None or self._program.program_id != program_id:
                 return False
@@ -114,7 +114,7 @@ class PlanningThread:
             return True
 
     def close(self) -> None:
-        """End the thread after the window it is solving."""
+        """End the thread after its current window."""
         with self._changed:
             self._closing = True
             self._changed.notify()
@@ -125,13 +125,13 @@ class PlanningThread:
         while (program := self._next_program()) is not None:
             try:
                 self._step(program)
-            # Whatever goes wrong in a plan is a FAULT of its program, not the end of the node.
+            # Any error in planning is a FAULT of its program and must not end the node.
             except Exception as error:  # noqa: BLE001
                 if self.abandon(program.program_id):
                     self._events.failed(program.program_id, error)
 
     def _next_program(self) -> _Program | None:
-        """Wait until the open program has something to plan."""
+        """Wait until there is work for the open program."""
         with self._changed:
             while not self._closing:
                 if self._program is not None and self._has_work(self._program):
@@ -143,20 +143,20 @@ class PlanningThread:
         if program.starved != program.restarted:
             return True
         if program.planner.finished:
-            return not program.told_finished
+            return not program.reported_finished
         ahead_s = program.planner.committed_t_s - program.motion_time_s
-        return ahead_s < self._seconds_ahead and (bool(program.inbox) or not program.told_hungry)
+        return ahead_s < self._seconds_ahead and (bool(program.inbox) or not program.reported_path_needed)
 
     def _step(self, program: _Program) -> None:
         planner = program.planner
         if program.starved != program.restarted:
             program.restarted = program.starved
             planner.restart_after_stop(program.restarted)
-            program.told_finished = program.told_hungry = False
+            program.reported_finished = program.reported_path_needed = False
         planner.discard_before(program.reached_s_mm)
         chunk = planner.next_chunk()
         with self._changed:
-            # Held while reporting: a program that was dropped meanwhile must not report any more.
+            # The lock is held during the report: a program that was dropped in the meantime must not report.
             if self._program is program:
                 self._report(program, chunk)
 
@@ -165,11 +165,11 @@ class PlanningThread:
         if chunk is not None:
             self._events.planned(program.program_id, chunk)
         elif planner.finished:
-            program.told_finished = True
+            program.reported_finished = True
             self._events.finished(program.program_id)
         elif program.inbox:
-            program.told_hungry = False
+            program.reported_path_needed = False
             planner.add_segment(program.inbox.popleft())
         else:
-            program.told_hungry = True
-            self._events.hungry()
+            program.reported_path_needed = True
+            self._events.path_needed()

@@ -1,4 +1,4 @@
-"""The toolpath node: serves the action, reads a program and streams the segments of its smoothed toolpath."""
+"""The toolpath node: serves the action, reads a program and streams the segments of the smoothed toolpath."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ from feedopt_planner.line_inbox import LineInbox
 
 NODE_NAME = "toolpath"
 ACTION = "/execute_program"
-# Statuses of the peers wake the program; this is only how often silence and shutdown are looked for.
+# Statuses of the other nodes wake the waiting program; this period is only for the checks for silence and shutdown.
 WAIT_PERIOD_S = 0.1
-# One thread streams the program, one takes statuses, one answers the client.
+# One thread streams the program, one receives statuses, one answers the client.
 THREADS = 3
 
 Result: TypeAlias = ExecuteProgram.Result
@@ -47,10 +47,10 @@ class ToolpathNodeParameters(MachineNodeParameters):
     """Parameters of the toolpath node."""
 
     segments_ahead: int = parameter(
-        "Segments published beyond the last one the planner took.", default=200, at_least=1, at_most=900
+        "Segments published ahead of the last one that the planner has used.", default=200, at_least=1, at_most=900
     )
     tolerance_mm: float = parameter(
-        "Largest distance of the smoothed from the programmed path, where a goal gives none.",
+        "Largest distance between smoothed and programmed path, if the goal gives none.",
         default=DEFAULT_TOLERANCE_MM,
         unit="mm",
         at_least=1e-6,
@@ -62,7 +62,7 @@ class ToolpathNodeParameters(MachineNodeParameters):
 
 
 class ProgramStopped(Exception):  # noqa: N818 (an outcome, not an error)
-    """The program ends early, because of this."""
+    """The program ends early; ``failure`` is the cause."""
 
     def __init__(self, failure: Failure) -> None:
         super().__init__(str(failure))
@@ -86,7 +86,7 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
     """Executes one program at a time."""
 
     def __init__(self) -> None:
-        # Before the peers hear of this node: it is not READY while it compiles.
+        # First load the compiled code: the node must not be READY before.
         warm_up_reading()
         super().__init__(NODE_NAME, ToolpathNodeParameters)
         self._dimensions = load_machine(self.parameters.machine).dimensions
@@ -111,7 +111,7 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
         )
 
     def close(self) -> None:
-        """Let a program in execution end at once."""
+        """End a running program at once."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
@@ -122,7 +122,7 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
                 self.get_logger().warning("goal refused: another program is being executed")
                 return GoalResponse.REJECT
             self._accepted = True
-            # From here on: the sender may start as soon as the goal is accepted.
+            # Made now, because the sender starts as soon as the goal is accepted.
             self._lines = LineInbox()
         return GoalResponse.ACCEPT
 
@@ -142,28 +142,28 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
         result.program_id = run.program_id
         result.segments = run.segments
         result.path_length_mm = run.s_mm
-        # What was planned, or, where the program ended early, how far the motion came.
+        # The planned motion time or, if the program ended early, the motion time reached.
         timekeeper = "interpolator" if result.failure.kind else "planner"
         result.motion_time_s = float(self._peer_value(timekeeper, run, "motion_time_s"))
         return result
 
     def _run(self, run: RunningProgram) -> Result:
-        """Stream the program and wait for its end; whatever stops it early becomes the result."""
+        """Stream the program and wait for its end; the cause of an early end becomes the result."""
         try:
-            # The nodes say READY one after the other; a goal that comes in between waits for the last of them.
+            # The nodes become READY one after the other; an early goal waits for the last of them.
             self._wait(run, lambda: self.life.peers_ready() is None)
             run.program_id = self._next_program_id()
             with self._changed:
                 self._running = run
             self.life.begin_program(run.program_id)
             for segment in self._read(run):
-                self._wait(run, lambda: self._room(run))
+                self._wait(run, lambda: self._may_publish(run))
                 self._publish(run, segment)
             self._display.publish(run.display.to_message(self.get_clock().now().nanoseconds))
             self._wait(run, lambda: self._motion_over(run))
         except ProgramStopped as stop:
             failure = stop.failure
-        except Exception as error:  # noqa: BLE001 (whatever broke here: the machine stops, the client hears)
+        except Exception as error:  # noqa: BLE001 (after any error the machine stops and the client gets the failure)
             failure = replace(failure_of(error), node=NODE_NAME)
             if failure.kind is FailureKind.INTERNAL:
                 self.get_logger().error(traceback.format_exc())
@@ -172,9 +172,9 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
             run.goal.succeed()
             return Result()
         self.get_logger().warning(f"program {run.program_id}: {failure}")
-        # The others take this as the end of the stream and come to rest on the path.
+        # For the other nodes this is the end of the stream; the interpolator stops on the path.
         self.life.fail(failure)
-        self._wait_for_rest(run)
+        self._wait_for_standstill(run)
         if self.context.ok():
             (run.goal.canceled if failure.kind is FailureKind.CANCELED else run.goal.abort)()
         return Result(failure=failure_to_message(failure))
@@ -192,7 +192,7 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
         return read_program(program, request.name or source, self._dimensions, tolerance_mm, transitions)
 
     def _streamed_lines(self, run: RunningProgram) -> Iterator[str | None]:
-        """Lines as they arrive, None before a wait. Raises ProgramStopped, and ToolpathError where lines are lost."""
+        """Lines as they arrive; None before each wait. Raises ProgramStopped, and ToolpathError if lines were lost."""
         while True:
             with self._changed:
                 waiting = not run.lines.ready
@@ -215,7 +215,7 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
         run.display.add(segment)
 
     def _wait(self, run: RunningProgram, condition: Any) -> None:
-        """Wait for a condition that statuses of the peers bring about. Raises ProgramStopped."""
+        """Wait for a condition that depends on statuses of other nodes. Raises ProgramStopped."""
         with self._changed:
             while True:
                 failure = self._failure(run)
@@ -226,31 +226,31 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
                 self._changed.wait(WAIT_PERIOD_S)
 
     def _failure(self, run: RunningProgram) -> Failure | None:
-        """What ends a program from outside; None: nothing does."""
+        """Failure outside this node, shutdown or cancellation that ends the program; None: none of them."""
         if run.failure is not None:
             return run.failure
         if run.goal.is_cancel_requested:
             return Failure(kind=FailureKind.CANCELED, message="canceled by the client")
         silent = self.life.silent_peer()
         if silent is not None:
-            message = "has fallen silent; its log tells why"
+            message = "no longer publishes its status; see its log for the cause"
             return Failure(kind=FailureKind.SILENT_PEER, node=silent, message=message)
         if self._closing:
             return Failure(kind=FailureKind.NODE_DIED, node=NODE_NAME, message="was shut down")
         return None
 
-    def _wait_for_rest(self, run: RunningProgram) -> None:
-        """After an early end: wait until the machine rests, as far as those who know it are alive."""
+    def _wait_for_standstill(self, run: RunningProgram) -> None:
+        """After an early end, wait until the machine is at standstill, or until a node that reports it is silent."""
         with self._changed:
             while run.segments and not (self._motion_over(run) or self.life.silent_peer() or self._closing):
                 self._changed.wait(WAIT_PERIOD_S)
 
-    def _room(self, run: RunningProgram) -> bool:
+    def _may_publish(self, run: RunningProgram) -> bool:
         taken = self._peer_value("planner", run, "last_input_sequence")
         return run.segments < taken + self.parameters.segments_ahead
 
     def _motion_over(self, run: RunningProgram) -> bool:
-        """The interpolator has ended the program, and the router has followed its last set point."""
+        """Whether the interpolator has ended the program and the router has executed its last set point."""
         interpolator = self._peer("interpolator", run)
         if interpolator is None or interpolator.state not in (NodeStatus.DONE, NodeStatus.FAULT):
             return False
@@ -291,7 +291,7 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
         )
 
     def _next_program_id(self) -> int:
-        """Beyond every number a peer remembers: this node may have been started anew."""
+        """Number above every number that a node reports, because this node may have been restarted."""
         statuses = [self.life.peers.get(name) for name in self.life.present]
         return 1 + max([self.life.program_id, *(int(status.program_id) for status in statuses if status is not None)])
 
@@ -300,7 +300,7 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
         return status if status is not None and status.program_id == run.program_id else None
 
     def _peer_value(self, name: str, run: RunningProgram, value: str) -> Any:
-        """A value of a peer's status, 0 where it does not belong to the program yet."""
+        """A value of another node's status; 0 if that status does not belong to the program."""
         status = self._peer(name, run)
         return 0 if status is None else getattr(status, value)
 

@@ -1,6 +1,6 @@
 """The graph, for ``ros2 launch feedopt_planner feedopt.launch.py machine:=... method:=... record:=... sim:=...``.
 
-What is started, and with which parameters, stands in ``feedopt_node.graph``; here it only becomes launch actions.
+``feedopt_node.graph`` defines the nodes to start and their parameters; this file converts them to launch actions.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ ARGUMENTS = (
     ("machine", "router_simulation", "machine file, or its name in config/machines"),
     ("method", "", "planning method; empty: as in config/nodes/planner.yaml"),
     ("record", "true", "record every topic"),
-    ("sim", "true", "with the simulated router"),
+    ("sim", "true", "start the simulated router"),
 )
 
 

@@ -35,15 +35,15 @@ def test_lost_block_is_an_error_behind_what_came_before(sequences: tuple[int, ..
     for _ in sequences[:-1]:
         assert inbox.take() == ["G21"]
     assert inbox.ready
-    with pytest.raises(ToolpathError, match="lines are lost"):
+    with pytest.raises(ToolpathError, match="lines were lost"):
         inbox.take()
 
 
-def test_sender_without_regard_is_told() -> None:
+def test_a_sender_that_ignores_back_pressure_gets_an_error() -> None:
     inbox = LineInbox()
     for sequence in range(1, MOST_BLOCKS + 2):
         inbox.put(sequence, [], last=False)
     for _ in range(MOST_BLOCKS):
         assert inbox.take() == []
-    with pytest.raises(ToolpathError, match="keep behind"):
+    with pytest.raises(ToolpathError, match="wait for the toolpath node"):
         inbox.take()

@@ -38,7 +38,7 @@ class Planning:
             seconds_ahead,
             PlanningEvents(
                 planned=lambda program_id, chunk: self.events.put(("planned", program_id, chunk)),
-                hungry=lambda: self.events.put(("hungry",)),
+                path_needed=lambda: self.events.put(("path_needed",)),
                 finished=lambda program_id: self.events.put(("finished", program_id)),
                 failed=lambda program_id, error: self.events.put(("failed", program_id, error)),
             ),
@@ -85,9 +85,9 @@ def test_a_whole_program_is_planned_in_order(far: Planning) -> None:
     assert far.thread.committed == (chunks[-1].s_commit_mm, chunks[-1].t_commit_s)
 
 
-def test_hunger_is_told_once_and_ends_with_the_next_segment(far: Planning) -> None:
+def test_needed_path_is_reported_once_until_the_next_segment(far: Planning) -> None:
     far.thread.open(1)
-    far.until("hungry")
+    far.until("path_needed")
     for segment in segments():
         far.thread.add_segment(segment)
     assert far.until("finished")[-1] == ("finished", 1)
@@ -145,8 +145,8 @@ def test_an_abandoned_program_says_nothing_more(near: Planning) -> None:
         near.events.get()
     near.thread.motion_reached(1, motion_time_s=1e3, s_mm=0.0, starved_chunk_sequence=0)
     near.thread.open(2)
-    events = near.until("hungry")
-    assert all(event[0] == "hungry" or event[1] == 2 for event in events)
+    events = near.until("path_needed")
+    assert all(event[0] == "path_needed" or event[1] == 2 for event in events)
 
 
 def test_an_unknown_method_is_refused_before_any_program() -> None:
