@@ -1,4 +1,4 @@
-"""Set points to messages, cheap enough for 1 kHz, and the figures of the interpolator as diagnostics."""
+"""Conversion of set points to messages, fast enough for 1 kHz, and of the interpolator's figures to diagnostics."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from feedopt_node.conversions import doubles, time_message
 
 
 class SetpointRows:
-    """One block of set points, converted ahead of time so that a tick only fills one message."""
+    """One block of set points, converted in advance so that a tick only fills one message."""
 
     def __init__(self, block: SetpointBlock) -> None:
         self.finished = block.finished
@@ -41,13 +41,13 @@ class SetpointRows:
 
 
 def stamp(message: AxisSetpoint, due_ns: int) -> None:
-    """Write the wall-clock time a set point was due, ns since the epoch, without making a new stamp."""
+    """Write the wall-clock deadline of a set point, ns since the epoch, into the existing stamp of the message."""
     message.stamp.sec = due_ns // NS_PER_S
     message.stamp.nanosec = due_ns % NS_PER_S
 
 
 def diagnostics(figures: dict[str, str], now_ns: int) -> DiagnosticArray:
-    """Figures of the interpolator by name."""
+    """Figures of the interpolator, by name, as diagnostics."""
     status = DiagnosticStatus(
         level=DiagnosticStatus.OK,
         name="interpolator",

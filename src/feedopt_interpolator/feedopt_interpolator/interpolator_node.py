@@ -1,4 +1,4 @@
-"""The interpolator node: toolpath and feed profile in, one set point a millisecond out."""
+"""The interpolator node: receives toolpath and feed profile, publishes one set point a period."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class InterpolatorNodeParameters(MachineNodeParameters, InterpolatorParameters):
     """Parameters of the interpolator node."""
 
     start_ahead_s: float = parameter(
-        "Motion that must be committed before it starts, unless the program is shorter.",
+        "Motion time that must be committed before the start, unless the program is shorter.",
         default=1.0,
         unit="s",
         at_least=0.0,
         at_most=1.0,
     )
     real_time_priority: int = parameter(
-        "SCHED_FIFO priority of the tick thread, tried and done without where it is refused.",
+        "SCHED_FIFO priority of the tick thread; if Linux refuses it, the node runs without.",
         default=50,
         at_least=2,
         at_most=99,
@@ -47,10 +47,10 @@ class InterpolatorNodeParameters(MachineNodeParameters, InterpolatorParameters):
 
 
 class InterpolatorNode(GraphNode[InterpolatorNodeParameters]):
-    """Feeds the stream of each program from the executor; the tick thread publishes it."""
+    """Receives segments and chunks of each program in the executor; the tick thread publishes the set points."""
 
     def __init__(self) -> None:
-        # Before the peers hear of this node: it is not READY while it compiles.
+        # First load the compiled code: the node must not be READY before.
         warm_up_planning()
         super().__init__(NODE_NAME, InterpolatorNodeParameters)
         self._machine = load_machine(self.parameters.machine)
@@ -58,7 +58,7 @@ class InterpolatorNode(GraphNode[InterpolatorNodeParameters]):
         self._motion: ProgramMotion | None = None
         self._segments = SequenceCheck("/toolpath")
         self._chunks = SequenceCheck("/feed_profile")
-        # Streams whose first message of the current program has come; the topics keep no order among them.
+        # Topics whose first message of the current program has arrived; ROS keeps no order between topics.
         self._begun: set[SequenceCheck] = set()
         self._last_chunk = 0
         self._ticks = TickThread(
@@ -71,7 +71,7 @@ class InterpolatorNode(GraphNode[InterpolatorNodeParameters]):
         self.subscribe_topic("/feed_profile", self._take_chunk)
         self.life.on_peer(self._take_status)
         self.life.progress_from(self._progress)
-        # The executor holds the interpreter lock at times: preempted then, it would hold up the ticks.
+        # The executor sometimes holds the interpreter lock. If it were preempted then, it would delay the ticks.
         request_real_time_priority(self.parameters.real_time_priority - 1)
         self._ticks.start()
         if self._ticks.priority_remark:
@@ -93,7 +93,7 @@ class InterpolatorNode(GraphNode[InterpolatorNodeParameters]):
             self._feed(motion, lambda: motion.add_chunk(chunk_from_message(message)))
 
     def _accept(self, message: Any, check: SequenceCheck) -> ProgramMotion | None:
-        """Motion the message belongs to; None where its program is over or a message was lost."""
+        """Motion of the message's program; None if the program has ended or a message was lost."""
         try:
             if not check.accept(message.program_id, message.sequence):
                 return None
@@ -126,7 +126,7 @@ class InterpolatorNode(GraphNode[InterpolatorNodeParameters]):
             motion.abandon(failure_of(error))
 
     def _take_status(self, status: NodeStatus) -> None:
-        """After a fault anywhere no further chunk comes: the stop that is there brings us to rest."""
+        """After a fault of any node no further chunk arrives: stop with the last chunk received."""
         motion = self._motion
         if motion is not None and status.state == NodeStatus.FAULT and status.program_id == motion.program_id:
             motion.abandon()

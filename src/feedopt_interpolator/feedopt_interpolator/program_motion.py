@@ -1,4 +1,4 @@
-"""Set points of one program between the executor, which brings inputs, and the tick threads. Free of ROS."""
+"""Set points of one program, shared by the executor, which adds the inputs, and the tick threads. Free of ROS."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from feedopt_core.motion.setpoints import InterpolatorParameters, SetpointBlock,
 
 
 class ProgramMotion:
-    """Guards the set-point stream of one program.
+    """Thread-safe set-point stream of one program.
 
     Args:
         program_id: the program.
-        machine, parameters: of the stream.
-        start_ahead_s: motion that must be committed before the first set point, unless the program is shorter.
+        machine, parameters: machine and parameters of the stream.
+        start_ahead_s: motion time that must be committed before the first set point, unless the program is shorter.
 
     Attributes:
         program_id: the program.
-        failure: why the program is to end with a FAULT; None: it is not.
+        failure: cause of the FAULT with which the program ends; None: no FAULT.
     """
 
     def __init__(
@@ -43,43 +43,43 @@ class ProgramMotion:
 
     @property
     def motion_time_s(self) -> float:
-        """Program time reached."""
+        """Motion time reached, s."""
         return self._stream.motion_time_s
 
     @property
     def starved_chunk_sequence(self) -> int:
-        """Chunk whose stop was taken because no further one came in time; 0: none."""
+        """Chunk whose stop was executed because the next chunk did not arrive in time; 0: none."""
         return self._stream.starved_chunk_sequence
 
     def add_segment(self, segment: Segment) -> None:
-        """Take in the next segment. Raises ToolpathError where it does not join the one before."""
+        """Add the next segment. Raises ToolpathError if it does not continue the previous one."""
         with self._changed:
             self._stream.add_segment(segment)
             self._last_segment = segment.place.sequence
             self._admit()
 
     def add_chunk(self, chunk: Chunk) -> None:
-        """Take in the next chunk; it waits until the path it leads over is here, as topics keep no order among them.
+        """Add the next chunk; it waits until its path has arrived, because ROS keeps no order between topics.
 
         Raises:
-            ToolpathError: it does not continue the ones before.
+            ToolpathError: it does not continue the previous chunk.
         """
         with self._changed:
             self._waiting.append(chunk)
             self._admit()
 
     def abandon(self, failure: Failure | None = None) -> None:
-        """No further chunk will come: come to rest on the path with the stop that is there, and end."""
+        """Stop on the path with the stop of the last chunk, and end: no further chunk will arrive."""
         with self._changed:
             self._abandoned = True
             self.failure = self.failure or failure
             self._changed.notify_all()
 
     def next_block(self, count: int) -> SetpointBlock | None:
-        """The next set points; waits for the first ones. None where the program was abandoned before there were any.
+        """The next set points; waits for the first ones. None if the program was abandoned before the first set point.
 
         Raises:
-            FeedoptError: they cannot be computed.
+            FeedoptError: the set points cannot be computed.
         """
         with self._changed:
             while not self._may_start or (block := self._stream.next_block(count)) is None:

@@ -1,4 +1,4 @@
-"""Absolute sleeps and real-time priority, straight from Linux."""
+"""Sleeping until an absolute time, and real-time priority, by Linux system calls."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ class _Timespec(ctypes.Structure):
 
 
 def sleep_until(deadline_ns: int) -> None:
-    """Sleep until an instant of the monotonic clock, ns; returns at once when it has passed.
+    """Sleep until a time of the monotonic clock, ns; returns at once if that time has passed.
 
-    The deadline is absolute, so lateness of one tick never adds up to the next. The interpreter lock is free meanwhile.
+    The deadline is absolute, so the lateness of one tick does not delay the next. The interpreter lock is released
+    during the sleep.
     """
     deadline = _Timespec(*divmod(deadline_ns, NS_PER_S))
     while True:
@@ -32,10 +33,10 @@ def sleep_until(deadline_ns: int) -> None:
 
 
 def request_real_time_priority(priority: int) -> str:
-    """Put the calling thread under SCHED_FIFO.
+    """Schedule the calling thread with SCHED_FIFO.
 
     Returns:
-        Empty if granted; else why not. Ticks are then only as punctual as the other processes let them be.
+        Empty if granted; else the cause of the refusal. Other processes can then delay the ticks.
     """
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))

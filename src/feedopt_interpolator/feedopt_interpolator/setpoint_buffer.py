@@ -1,4 +1,4 @@
-"""Set points computed ahead of their ticks, in a thread of their own: one block takes longer than a period."""
+"""Set points computed ahead of their ticks in a separate thread, because one block takes longer than a period."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ BLOCKS_AHEAD = 2
 
 
 class SetpointBuffer:
-    """Holds the next blocks of a program, ready to be published.
+    """The next blocks of set points of a program, ready for publishing.
 
     Args:
         motion: the program.
         priority: SCHED_FIFO priority of the computing thread.
-        starved: called from that thread when the motion takes a stop because no further chunk came.
+        starved: called from that thread when the motion stops because the next chunk did not arrive in time.
     """
 
     def __init__(self, motion: ProgramMotion, priority: int, starved: Callable[[ProgramMotion], None]) -> None:
@@ -38,10 +38,10 @@ class SetpointBuffer:
         self._thread.start()
 
     def take(self) -> SetpointRows | None:
-        """The next block, waiting for it; None after the last.
+        """Wait for the next block and return it; None after the last.
 
         Raises:
-            Exception: what went wrong while it was computed.
+            Exception: the error raised while the block was computed.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._blocks or self._ended)
@@ -73,7 +73,7 @@ class SetpointBuffer:
                     self._starved(self._motion)
                 if rows.finished:
                     break
-        # Handed on to the thread that takes: it answers for the program.
+        # Passed to the thread that takes the blocks, which reports the failure of the program.
         except Exception as error:  # noqa: BLE001
             self._error = error
         with self._changed:

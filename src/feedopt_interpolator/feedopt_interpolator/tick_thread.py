@@ -1,4 +1,4 @@
-"""The thread that publishes one set point a period, on absolute deadlines."""
+"""The thread that publishes one set point per period, at absolute deadlines."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from feedopt_interpolator.real_time import request_real_time_priority, sleep_unt
 from feedopt_interpolator.setpoint_buffer import SetpointBuffer
 from feedopt_msgs.msg import AxisSetpoint
 
-# The other threads give up the interpreter at least this often while ticks are due.
+# Longest time for which another thread holds the interpreter lock while ticks are published.
 SWITCH_INTERVAL_S = 5e-5
 START_DELAY_NS = 5_000_000
 DELIVERY_PATIENCE_S = 2.0
@@ -28,7 +28,7 @@ DELIVERY_PATIENCE_S = 2.0
 
 @dataclass
 class Lateness:
-    """Lateness of the ticks of one program, s, and how many were a whole period late or more."""
+    """Lateness of the ticks of one program, s, and the number of ticks that were late by a whole period or more."""
 
     values_s: list[float] = field(default_factory=list)
     missed_ticks: int = 0
@@ -49,12 +49,12 @@ class Lateness:
 
 @dataclass(frozen=True)
 class TickEvents:
-    """What the threads of the ticks call.
+    """Callbacks of the tick threads.
 
     Attributes:
-        ended: the last set point of a program was delivered, or there was none.
+        ended: the last set point of a program was delivered, or the program had no set point.
         failed: its set points cannot be computed or sent.
-        starved: it takes a stop because no further chunk came in time.
+        starved: it stops because the next chunk did not arrive in time.
     """
 
     ended: Callable[[ProgramMotion, Lateness], None]
@@ -63,15 +63,15 @@ class TickEvents:
 
 
 class TickThread:
-    """Plays one program after the other.
+    """Publishes the set points of one program after the other.
 
-    Every tick is published, late ones at once; positions come from the tick index, never from the clock.
+    Every tick is published; a late one at once. Positions depend on the tick index, never on the clock.
 
     Attributes:
         sequence: sequence of the last set point published.
-        s_mm: its arc length.
-        missed_ticks: ticks of the program that were a whole period late or more.
-        priority_remark: why there is no real-time priority; empty: there is.
+        s_mm: arc length of that set point.
+        missed_ticks: ticks of the program that were late by a whole period or more.
+        priority_remark: cause of a refused real-time priority; empty: it was granted.
     """
 
     def __init__(self, publisher: Publisher, period_s: float, priority: int, events: TickEvents) -> None:
@@ -90,18 +90,18 @@ class TickThread:
         self._thread = threading.Thread(target=self._run, name="ticks", daemon=True)
 
     def start(self) -> None:
-        """Start the thread; returns when it runs with the priority it got."""
+        """Start the thread; returns when it runs and its priority is set."""
         self._thread.start()
         self._started.wait()
 
     def play(self, motion: ProgramMotion) -> None:
-        """Play this program next."""
+        """Publish the set points of this program next."""
         with self._changed:
             self._motion = motion
             self._changed.notify_all()
 
     def close(self) -> None:
-        """End the thread; a program in motion is cut off."""
+        """End the thread; a program in motion is interrupted."""
         with self._changed:
             self._closing = True
             if self._motion is not None:
@@ -119,7 +119,7 @@ class TickThread:
                 self._play(motion, lateness)
                 # DONE means that every set point has been delivered, not only sent.
                 self._publisher.wait_for_all_acked(Duration(seconds=DELIVERY_PATIENCE_S))
-            # Whatever goes wrong with its set points is a FAULT of the program, not the end of the node.
+            # Any error with the set points is a FAULT of the program and must not end the node.
             except Exception as error:  # noqa: BLE001
                 self._events.failed(motion, error)
             else:
