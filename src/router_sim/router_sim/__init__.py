@@ -1,1 +1,1 @@
-"""A simulated router: drives, friction, servo loop, and the node around them."""
+"""A simulated router: drives, friction, servo loop and node."""

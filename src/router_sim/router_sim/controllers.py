@@ -1,6 +1,6 @@
 """Control laws of one axis: cascaded P-PI with feed-forward, and adaptive sliding mode.
 
-Both see the set point (position, velocity, acceleration) and the encoder, once a servo period, and nothing else.
+Their only inputs are the set point (position, velocity, acceleration) and the encoder position of each servo period.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ class AxisController(Protocol):
     """Control law of one axis."""
 
     def reset(self, measured_mm: float) -> None:
-        """Start from rest at a measured position."""
+        """Start from standstill at a measured position."""
 
     def control_signal(
         self, position_mm: float, velocity_mm_s: float, acceleration_mm_s2: float, measured_mm: float
@@ -27,12 +27,12 @@ class AxisController(Protocol):
 def make_controller(
     kind: ControllerKind, servo: ServoParameters, saturation_volts: float, period_s: float
 ) -> AxisController:
-    """Control law of a kind with the settings of one axis.
+    """Create the control law of one axis.
 
     Args:
-        kind: which law.
-        servo: its settings.
-        saturation_volts: magnitude at which the amplifier clips, for anti-windup.
+        kind: P-PI or sliding mode.
+        servo: settings of the axis.
+        saturation_volts: magnitude of the control signal at which the amplifier saturates, for anti-windup.
         period_s: period of the servo loop.
     """
     if kind is ControllerKind.P_PI:
@@ -49,12 +49,12 @@ class VelocityEstimate:
         self.reset(0.0)
 
     def reset(self, measured_mm: float) -> None:
-        """Rest at a measured position."""
+        """Start from standstill at a measured position."""
         self._measured_mm = measured_mm
         self._velocity_mm_s = 0.0
 
     def update(self, measured_mm: float) -> float:
-        """Velocity in mm/s after the next measured position."""
+        """Velocity in mm/s, including the next measured position."""
         difference_mm_s = (measured_mm - self._measured_mm) / self._period_s
         self._measured_mm = measured_mm
         self._velocity_mm_s = self._retained * self._velocity_mm_s + (1.0 - self._retained) * difference_mm_s
@@ -64,9 +64,10 @@ class VelocityEstimate:
 class CascadedController:
     """P position loop around a PI velocity loop, with feed-forward of velocity, acceleration, jerk and friction.
 
-    Feed-forward gains come from :func:`router_sim.servo_tuning.feed_forward_gains`. The integrator stands still while
-    the output saturates outwards (anti-windup), and while a commanded rest is reached within the in-position window:
-    otherwise it would creep after an error smaller than one encoder count and jump for ever.
+    Feed-forward gains come from :func:`router_sim.servo_tuning.feed_forward_gains`. The integrator is held
+    while the output is saturated and would increase further (anti-windup), and during a commanded standstill within the
+    in-position window. Otherwise it would integrate an error below one encoder count, and the axis would never come to
+    standstill.
     """
 
     def __init__(self, servo: ServoParameters, saturation_volts: float, period_s: float) -> None:
@@ -79,7 +80,7 @@ class CascadedController:
         self.reset(0.0)
 
     def reset(self, measured_mm: float) -> None:
-        """Start from rest at a measured position."""
+        """Start from standstill at a measured position."""
         self._estimate.reset(measured_mm)
         self._integral_mm_s = 0.0
         self._acceleration_mm_s2 = 0.0
@@ -110,16 +111,17 @@ class CascadedController:
 
 
 class SlidingModeController:
-    """Adaptive sliding-mode control of [H] section 4.5, table 4-2, with one disturbance estimate an axis.
+    """Adaptive sliding-mode control of [H] section 4.5, table 4-2, with one disturbance estimate per axis.
 
     Sliding variable ``sigma = lambda (r - x) + (dr/dt - dx/dt)``. The control signal cancels the drive model and drives
-    sigma to zero, an integrator on sigma estimates what the model leaves out (friction, load, cutting force)::
+    sigma to zero. An integrator of sigma estimates the disturbance that the model omits (friction, load, cutting
+    force)::
 
         u = m (lambda (dr/dt - dx/dt) + d2r/dt2) + b dx/dt + d_hat + Ks sigma,    d d_hat/dt = rho kappa sigma
 
-    kappa is 0 where the estimate would leave its bounds, which also keeps it from winding up, else 1. The Lyapunov
-    function ``(m sigma^2 + (d - d_hat)^2 / rho) / 2`` then falls at ``-Ks sigma^2`` for a constant disturbance d.
-    The table's gains are read as a radian of the motor: see docs/simulated_router.md.
+    kappa is 0 if the estimate would leave its bounds, which is also the anti-windup; otherwise it is 1. For a constant
+    disturbance d, the Lyapunov function ``(m sigma^2 + (d - d_hat)^2 / rho) / 2`` decreases with ``-Ks sigma^2``.
+    The gains of the table refer to radians of the motor: see docs/simulated_router.md.
     """
 
     def __init__(self, servo: ServoParameters, saturation_volts: float, period_s: float) -> None:
@@ -131,7 +133,7 @@ class SlidingModeController:
         self.reset(0.0)
 
     def reset(self, measured_mm: float) -> None:
-        """Start from rest at a measured position; the disturbance estimate starts at the load the servo assumes."""
+        """Start from standstill at a measured position; the disturbance estimate starts at the model's load."""
         self._estimate.reset(measured_mm)
         self._disturbance_volts = self._servo.model_offset_volts
 
@@ -169,5 +171,5 @@ def friction_feed_forward_volts(servo: ServoParameters, velocity_mm_s: float) ->
 
 
 def in_position(servo: ServoParameters, velocity_mm_s: float, acceleration_mm_s2: float, error_mm: float) -> bool:
-    """Whether the set point rests and the axis has reached it."""
+    """Whether the set point is at standstill and the axis has reached it."""
     return velocity_mm_s == 0.0 and acceleration_mm_s2 == 0.0 and abs(error_mm) <= servo.in_position_window_mm

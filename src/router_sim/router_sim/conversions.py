@@ -1,4 +1,4 @@
-"""Set points into servo steps, and the states that answer them into messages; JointState in SI."""
+"""Conversion of set points to inputs of a servo step, and of axis states to messages; JointState in SI units."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _M_PER_MM = 1e-3
 
 
 def setpoint_rows(message: AxisSetpoint) -> tuple[list[float], list[float], list[float]]:
-    """Axis positions (mm), velocities (mm/s) and accelerations (mm/s^2) of a set point, as a servo step takes them."""
+    """Axis positions (mm), velocities (mm/s) and accelerations (mm/s^2) of a set point, as inputs of a servo step."""
     return message.position_mm.tolist(), message.velocity_mm_s.tolist(), message.acceleration_mm_s2.tolist()
 
 
 def fill_state(message: AxisState, setpoint: AxisSetpoint, sequence: int, states: AxisStates) -> None:
-    """Write the states that answer a set point into a message."""
+    """Write the axis states at a set point into a message."""
     message.stamp = setpoint.stamp
     message.program_id = setpoint.program_id
     message.sequence = sequence

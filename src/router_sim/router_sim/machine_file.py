@@ -1,4 +1,4 @@
-"""The section of a machine file that describes its simulated drives and servos."""
+"""The section of a machine file for its simulated drives and servos."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ _REMARK = " with the drives to simulate; add one, or run without the simulated r
 
 
 def load_router_parameters(name_or_path: str) -> RouterSimParameters:
-    """Drives and servos of a machine given by file or by its name in ``config/machines``.
+    """Drives and servos of a machine, given by its file or by its name in ``config/machines``.
 
     Raises:
-        ConfigError: no such file or section, or an unknown, missing or impossible key; names file, key and axis.
+        ConfigError: the file or the section is missing, or a key is unknown, missing or invalid; names file, key, axis.
     """
     path = machine_path(name_or_path)
     return parse_router_parameters(read_text(path), str(path))
 
 
 def load_matching_router(name_or_path: str) -> RouterSimParameters:
-    """Drives and servos that fit the machine of the same file: the same axes, one servo step a set point.
+    """Drives and servos, checked against the machine of the same file: equal axes, one servo step per set point.
 
     Raises:
-        ConfigError: as :func:`load_router_parameters`; or axes or period differ, named with both values.
+        ConfigError: as :func:`load_router_parameters`; or axes or period differ, the message has both values.
     """
     machine, drives = load_machine(name_or_path), load_router_parameters(name_or_path)
     if drives.axis_names != machine.axis_names:
@@ -43,6 +43,6 @@ def load_matching_router(name_or_path: str) -> RouterSimParameters:
 
 
 def parse_router_parameters(text: str, source: str) -> RouterSimParameters:
-    """Drives and servos from the text of a machine file; ``source`` names it in errors. Raises ConfigError."""
+    """Drives and servos from the text of a machine file; error messages name ``source``. Raises ConfigError."""
     section = find_section(parse_yaml(text, source), _SECTION, source, _REMARK)
     return build(RouterSimParameters, section, f"{source}: section {_SECTION[0]}")

@@ -5,8 +5,8 @@ Equation of motion, in units of the control signal::
     inertia dv/dt = volts - offset - ripple(x) - belt(x, y) - viscous v - friction(v) sign(v)
 
 Between two changes of the direction of motion it is linear in ``v``, so a step under a constant control signal is an
-exponential in closed form. The step is split where the velocity reaches zero: there the axis sticks while the force on
-it stays within breakaway, and leaves in the direction of the force otherwise.
+exponential in closed form. The step is split where the velocity reaches zero. There the axis sticks while the force is
+within the static friction; otherwise it moves on in the direction of the force.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ class AxisPlant:
     Args:
         parameters: the drive.
         period_s: time for which a control signal is held.
-        substeps: substeps a period, for drives that need them.
+        substeps: number of substeps per period, for drives that need them.
     """
 
     def __init__(self, parameters: AxisPlantParameters, period_s: float, substeps: int) -> None:
-        # Kept as attributes of their own: a coupled axis reads them some hundred times a period.
+        # Copied to attributes for speed: a coupled axis reads them a hundred times per period.
         self._saturation = parameters.saturation_volts
         self._offset = parameters.offset_volts
         self._friction_positive = parameters.coulomb_positive_volts
@@ -59,7 +59,7 @@ class AxisPlant:
         self.reset(0.0)
 
     def reset(self, position_mm: float) -> None:
-        """Rest at a motor position, the belt relaxed and the tool in the middle of the backlash."""
+        """Start from standstill at a motor position, belt relaxed, tool in the middle of the backlash."""
         self.position_mm = position_mm
         self.velocity_mm_s = 0.0
         self.screw_position_mm = position_mm
@@ -67,7 +67,7 @@ class AxisPlant:
         self.tool_position_mm = self._nut_position_mm()
 
     def advance(self, volts: float) -> None:
-        """Move by one period under a constant control signal, clipped to what the amplifier passes on."""
+        """Move by one period under a constant control signal, clipped to the saturation of the amplifier."""
         force = min(max(volts, -self._saturation), self._saturation) - self._offset
         if self._exact:
             self._slide(force, 1.0)
@@ -86,7 +86,7 @@ class AxisPlant:
         return self.screw_position_mm + self._lead_error_mm * math.sin(self._screw_rad_mm * self.screw_position_mm)
 
     def _direction(self, force: float) -> float:
-        """Direction of the motion, or in which a force moves the resting axis: +1, -1, or 0 where it sticks."""
+        """Direction of motion, +1 or -1; at standstill the direction of the force, or 0 if the axis sticks."""
         if self.velocity_mm_s > 0.0:
             return 1.0
         if self.velocity_mm_s < 0.0:
@@ -116,7 +116,7 @@ class AxisPlant:
         direction = self._direction(force)
         if direction == 0.0:
             return
-        # The force that reversed the axis keeps pushing it the same way: no second stop inside this step.
+        # The force that reversed the axis is constant over the step: no second stop in this step.
         rest_s = self._step_s - stop_s
         friction = self._friction_positive if direction > 0.0 else -self._friction_negative
         terminal = (force - friction_ratio * friction) / self._viscous
@@ -141,7 +141,7 @@ class AxisPlant:
         self._slide(force - self._ripple(middle) - belt, self._friction_ratio(middle_velocity))
 
     def _middle_velocity_mm_s(self, force: float) -> float:
-        """Velocity half a substep ahead, 0 where the axis stops before."""
+        """Velocity after half a substep; 0 if the axis stops before."""
         velocity = self.velocity_mm_s
         direction = self._direction(force)
         if direction == 0.0:
@@ -162,12 +162,12 @@ class AxisPlant:
 
 
 class Encoder:
-    """Encoder on the motor: normal noise, then the nearest count.
+    """Encoder on the motor: adds normally distributed noise, then rounds to the nearest count.
 
     Args:
-        resolution_mm: one count; 0 for none.
-        noise_mm: standard deviation of the noise; 0 for none.
-        seed: text that fixes the noise.
+        resolution_mm: one count; 0: no rounding.
+        noise_mm: standard deviation of the noise; 0: no noise.
+        seed: text as the seed of the noise.
     """
 
     def __init__(self, resolution_mm: float, noise_mm: float, seed: str) -> None:
@@ -177,7 +177,7 @@ class Encoder:
         self.reset()
 
     def reset(self) -> None:
-        """Start the noise again from its seed."""
+        """Restart the noise from its seed."""
         self._random = random.Random(self._seed)
 
     def measure(self, position_mm: float) -> float:

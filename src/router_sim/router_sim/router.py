@@ -1,4 +1,4 @@
-"""The simulated router: a servo loop and a drive for every axis, one step a set point."""
+"""The simulated router: a servo loop and a drive for every axis, one step per set point."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from router_sim.plant import AxisPlant, Encoder
 
 
 class SetpointError(FeedoptError):
-    """A set point the router cannot follow: the wrong number of axes, or a value that is not finite."""
+    """An invalid set point: wrong number of axes, or a value that is not finite."""
 
 
 @dataclass(frozen=True)
@@ -22,12 +22,12 @@ class AxisStates:
 
     Attributes:
         reference_mm: commanded position.
-        position_mm: what the encoder on the motor read at that instant.
+        position_mm: reading of the encoder on the motor at that instant.
         velocity_mm_s: true velocity of the motor at that instant, in axis units.
-        tool_position_mm: true position of the tool, behind belt, lead error and backlash; the servo never sees it.
+        tool_position_mm: true position of the tool, behind belt, lead error and backlash; not measured by the servo.
         tracking_error_mm: ``reference_mm - position_mm``.
-        control_signal_volts: answer of the controller, after saturation, held until the next set point.
-        saturated: the control signal stands at its limit.
+        control_signal_volts: output of the controller, after saturation, held until the next set point.
+        saturated: the control signal is at its limit.
     """
 
     reference_mm: tuple[float, ...]
@@ -40,14 +40,14 @@ class AxisStates:
 
 
 class SimulatedRouter:
-    """Servo loops and drives of a router, one step a set point.
+    """Servo loops and drives of a router, one step per set point.
 
     Tick k reads every encoder at the instant of set point k, computes the control signal from set point k and that
-    reading, and holds it for one servo period, over which the drive moves. So the tracking error of tick k compares
-    set point and encoder at the same instant, as a servo does: the error law the servo is tuned to then holds without
-    a constant delay, which would otherwise add to its velocity coefficient.
+    reading, and holds it for one servo period, during which the drive moves. So the tracking error of tick k compares
+    set point and encoder at the same instant, as a servo does. The error law to which the servo is tuned then holds
+    without a constant delay, which would add to its velocity coefficient.
 
-    Axes are independent; the two motors of a gantry are two axes with the same set point.
+    Axes are independent. The two motors of a gantry are two axes with the same set point.
     """
 
     def __init__(self, parameters: RouterSimParameters) -> None:
@@ -66,10 +66,10 @@ class SimulatedRouter:
         self.reset([0.0] * len(self._axis_names))
 
     def reset(self, position_mm: Sequence[float]) -> None:
-        """Start at rest at a position, with fresh controllers and the noise from its seed; shape (n_axes,).
+        """Start from standstill at a position, with controllers and noise reset; shape (n_axes,).
 
         Raises:
-            SetpointError: wrong length or not finite.
+            SetpointError: wrong length, or a value is not finite.
         """
         self._check("position_mm", position_mm)
         for position, plant, encoder, controller in zip(
@@ -82,13 +82,13 @@ class SimulatedRouter:
     def step(
         self, position_mm: Sequence[float], velocity_mm_s: Sequence[float], acceleration_mm_s2: Sequence[float]
     ) -> AxisStates:
-        """Answer one set point and move to the next; each argument has shape (n_axes,).
+        """Compute the states at one set point and move to the next; each argument has shape (n_axes,).
 
         Returns:
             The states at the instant of this set point.
 
         Raises:
-            SetpointError: wrong length or not finite; nothing has moved then.
+            SetpointError: wrong length, or a value is not finite; no axis has moved then.
         """
         self._check("position_mm", position_mm)
         self._check("velocity_mm_s", velocity_mm_s)

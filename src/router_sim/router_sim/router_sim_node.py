@@ -29,13 +29,13 @@ DELIVERY_PATIENCE_S = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class RouterSimNodeParameters(MachineNodeParameters):
-    """Parameters of the router_sim node; the drives stand in the machine file."""
+    """Parameters of the router_sim node; the machine file describes the drives."""
 
     joint_state_ticks: int = parameter("Set points between two joint states.", default=20, at_least=1, at_most=10_000)
 
 
 class RouterSimNode(GraphNode[RouterSimNodeParameters]):
-    """Follows set points. Steps are counted by set points, never by the clock, so a run can be repeated exactly."""
+    """Follows set points. Time advances by one servo period per set point, not by the clock: runs are reproducible."""
 
     def __init__(self) -> None:
         super().__init__(NODE_NAME, RouterSimNodeParameters)

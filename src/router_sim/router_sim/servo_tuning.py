@@ -1,13 +1,13 @@
-"""Feed-forward gains that give the P-PI servo a wanted quasi-static tracking error.
+"""Feed-forward gains that give the P-PI servo a specified quasi-static tracking error.
 
-With sampled set points ``r(k T)`` of a smooth reference, the linear servo loop answers ``e = G r`` at the sampling
-instants, ``z = exp(s T)`` and ::
+With sampled set points ``r(k T)`` of a smooth reference, the error of the linear servo loop is ``e = G r`` at the
+sampling instants, with ``z = exp(s T)`` and ::
 
     G = (1/P + C (D - k_v s) - f_v s - f_a s^2 - f_j s^2 (1 - 1/z) / T) / (1/P + C (K_p + D))
 
-P: drive behind a zero-order hold, C: velocity PI, D: velocity from the differenced and filtered encoder. A Maclaurin
-series of G is a quasi-static error law, ``e = Kv v + Ka a + Kj j + Ks snap + ...``: each of the four feed-forward gains
-moves one coefficient and those above it, so four wanted coefficients are found one after the other.
+P: drive with a zero-order hold, C: velocity PI, D: velocity estimate from the encoder. The Maclaurin series of G is a
+quasi-static error law, ``e = Kv v + Ka a + Kj j + Ks snap + ...``. Each of the four feed-forward gains changes one
+coefficient and the higher ones, so the gains for four specified coefficients follow one after the other.
 Derivation: docs/simulated_router.md.
 """
 
@@ -24,7 +24,7 @@ from router_sim.parameters import ServoParameters
 
 _Series: TypeAlias = NDArray[np.float64]  # coefficients of s^0, s^1, ...
 
-# Multiplying by s (the integrator's pole) costs one order, the snap coefficient needs s^5 before it is divided out.
+# The pole of the integrator is removed by a multiplication by s, so the snap coefficient (s^4) needs terms up to s^5.
 _TERMS = 8
 
 
@@ -32,8 +32,8 @@ _TERMS = 8
 class FeedForwardGains:
     """Feed-forward of the P-PI servo.
 
-    ``velocity_ratio`` multiplies the velocity reference on its way to the velocity command; the others add to the
-    control signal: V/(mm/s), V/(mm/s^2) and V/(mm/s^3).
+    ``velocity_ratio`` multiplies the velocity reference in the velocity command. The other gains add to the control
+    signal: V/(mm/s), V/(mm/s^2) and V/(mm/s^3).
     """
 
     velocity_ratio: float
@@ -43,12 +43,13 @@ class FeedForwardGains:
 
 
 def feed_forward_gains(servo: ServoParameters, period_s: float) -> FeedForwardGains:
-    """Gains for which a drive as the servo assumes it follows the error law of ``servo``.
+    """Gains for which a drive equal to the model of the servo follows the error law of ``servo``.
 
-    The wanted series is ``Kv s + Ka s^2 + Kj s^3 + 0 s^4``: no snap term, so the law holds up to the fifth derivative.
+    The specified series is ``Kv s + Ka s^2 + Kj s^3 + 0 s^4``. It has no snap term, so the law holds up to the fifth
+    derivative.
 
     Args:
-        servo: gains, drive model and wanted error coefficients.
+        servo: gains, drive model and specified error coefficients.
         period_s: period of the servo loop.
     """
     inverse_z = _exponential(-period_s)
@@ -62,7 +63,7 @@ def feed_forward_gains(servo: ServoParameters, period_s: float) -> FeedForwardGa
     wanted = np.zeros(_TERMS)
     wanted[1:4] = servo.error_velocity_gain_s, servo.error_acceleration_gain_s2, servo.error_jerk_gain_s3
 
-    # Everything above is multiplied by s; what the feed-forward terms must take away, order by order.
+    # All terms are multiplied by s. The feed-forward terms cancel the remainder, one order after the other.
     excess = drive + _multiply(velocity_loop, estimate) - _multiply(wanted, stiffness)
     commanded = _times_s(velocity_loop, 1)
     velocity_ratio = float(excess[1] / commanded[1])
@@ -110,5 +111,5 @@ def _times_s(series: _Series, power: int) -> _Series:
 
 
 def _over_s(series: _Series) -> _Series:
-    # The highest coefficient is lost; nothing above s^5 is read, so a zero in its place never shows.
+    # The highest coefficient is lost. The zero in its place has no effect: only terms up to s^5 are used.
     return np.append(series[1:], 0.0)
