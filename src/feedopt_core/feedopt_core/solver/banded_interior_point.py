@@ -25,6 +25,7 @@ import numpy as np
 
 from feedopt_core.arrays import BoolArray, FloatArray, IntArray, RecordArray
 from feedopt_core.errors import SolverError
+from feedopt_core.solver.banded_system import expand
 from feedopt_core.solver.interior_point_data import (
     LINEARISED,
     SIDE,
@@ -40,7 +41,6 @@ from feedopt_core.solver.interior_point_kernel import (
     DIVERGED,
     INDEFINITE,
     OUT_OF_ITERATIONS,
-    expand,
     iterate,
 )
 from feedopt_core.solver.packed_rows import packed, part, slacks

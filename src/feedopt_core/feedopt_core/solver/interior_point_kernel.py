@@ -10,8 +10,7 @@ a row are all that the normal matrix needs. Sums of a point are taken by x and t
 a bend are divided by sqrt(q) before they are linearised: y / sqrt(q) is linear in q'', and its right side
 limit / sqrt(q) is convex, so that the linearisation lies inside the limit.
 
-Everything is written out in scalars, and what belongs together lies together in memory: that is what makes it fast. It
-all stands in one module because numba looks at no other one to find out whether its code on disk is still good.
+Everything is written out in scalars, and data used together lie together in memory: that makes it fast.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ import numpy as np
 
 from feedopt_core.arrays import FloatArray
 from feedopt_core.compiled import compiled
+from feedopt_core.solver.banded_system import direction, expand, factorise, restrict, restrict_band
 from feedopt_core.solver.interior_point_data import (
     BEND,
     DOWN,
@@ -48,81 +48,6 @@ _STALLED, _MOST_STALLS = 1e-3, 8
 """So many primal steps in a row shorter than this lead nowhere."""
 _CENTRALITY = 0.5
 """Least duality gap of all sides to aim at, as a part of the dual residual: a gap far below it makes short steps."""
-
-
-@compiled
-def _restrict(ends: Ends, vector: FloatArray) -> None:
-    """Gradient by the free control points, in place; the others become zero."""
-    last = len(vector) - 1
-    if ends.start_ratio > 0.0:
-        vector[1] += vector[0] / ends.start_ratio
-    else:
-        vector[1] = 0.0
-    vector[last - 1] += vector[last] / ends.end_ratio
-    vector[0] = vector[last] = 0.0
-
-
-@compiled
-def expand(ends: Ends, c: FloatArray) -> None:
-    """End control points from the free ones, in place."""
-    last = len(c) - 1
-    if ends.start_ratio > 0.0:
-        c[0] = c[1] / ends.start_ratio
-    c[last] = c[last - 1] / ends.end_ratio
-
-
-@compiled
-def _restrict_band(ends: Ends, band: FloatArray) -> None:
-    """Normal matrix by the free control points, in place; the others get a unit diagonal."""
-    last = len(band) - 1
-    if ends.start_ratio > 0.0:
-        r = ends.start_ratio
-        band[1, MAIN] += 2.0 * band[0, FIRST] / r + band[0, MAIN] / r**2
-        band[1, FIRST] += band[0, SECOND] / r
-    else:
-        band[1, MAIN], band[1, FIRST], band[1, SECOND] = 1.0, 0.0, 0.0
-    band[0, MAIN], band[0, FIRST], band[0, SECOND] = 1.0, 0.0, 0.0
-    r = ends.end_ratio
-    band[last - 1, MAIN] += 2.0 * band[last - 1, FIRST] / r + band[last, MAIN] / r**2
-    band[last - 2, FIRST] += band[last - 2, SECOND] / r
-    band[last, MAIN] = 1.0
-    band[last - 1, FIRST] = band[last - 2, SECOND] = 0.0
-
-
-@compiled
-def _factorise(band: FloatArray) -> bool:
-    """L D L' in place (D on the diagonal); False where the matrix is not positive definite."""
-    n = len(band)
-    for j in range(n):
-        d = band[j, MAIN]
-        if not 0.0 < d < np.inf:
-            return False
-        l1, l2 = band[j, FIRST] / d, band[j, SECOND] / d
-        if j + 1 < n:
-            band[j + 1, MAIN] -= l1 * band[j, FIRST]
-            band[j + 1, FIRST] -= l1 * band[j, SECOND]
-        if j + 2 < n:
-            band[j + 2, MAIN] -= l2 * band[j, SECOND]
-        band[j, FIRST], band[j, SECOND] = l1, l2
-    return True
-
-
-@compiled
-def _solve(factor: FloatArray, vector: FloatArray) -> None:
-    """Solve in place with the factor of :func:`_factorise`."""
-    n = len(vector)
-    for j in range(n):
-        if j + 1 < n:
-            vector[j + 1] -= factor[j, FIRST] * vector[j]
-        if j + 2 < n:
-            vector[j + 2] -= factor[j, SECOND] * vector[j]
-    for j in range(n - 1, -1, -1):
-        value = vector[j] / factor[j, MAIN]
-        if j + 1 < n:
-            value -= factor[j, FIRST] * vector[j + 1]
-        if j + 2 < n:
-            value -= factor[j, SECOND] * vector[j + 2]
-        vector[j] = value
 
 
 @compiled
@@ -425,15 +350,6 @@ def _length(ratio: float, fraction: float) -> float:
 
 
 @compiled
-def _direction(ends: Ends, factor: FloatArray, right: FloatArray) -> FloatArray:
-    step = -right
-    _restrict(ends, step)
-    _solve(factor, step)
-    expand(ends, step)
-    return step
-
-
-@compiled
 def iterate(
     rows: PackedRows, ends: Ends, at: Iterate, system: System, size: int, share: float, settings: Settings
 ) -> tuple[int, int, float, float, float]:
@@ -454,20 +370,20 @@ def iterate(
     short, stalls = False, 0
     for iteration in range(settings.max_iterations):
         time, total, violation = _look(rows, ends, at, system, primal, dual_step)
-        _restrict(ends, system.gradient)
+        restrict(ends, system.gradient)
         dual, gap = np.sum(np.abs(system.gradient * at.c)) / time, total / time
         if gap < settings.tolerance and dual < settings.tolerance and violation < settings.feasibility:
             return CONVERGED, iteration, gap, dual, violation
         if not (gap < np.inf and dual < _DIVERGED and stalls < _MOST_STALLS):
             return DIVERGED, iteration, gap, dual, violation
         factor = system.band + system.convex if settings.cautious else system.band.copy()
-        _restrict_band(ends, factor)
-        if not _factorise(factor):
+        restrict_band(ends, factor)
+        if not factorise(factor):
             factor = system.band + system.convex
-            _restrict_band(ends, factor)
-            if not _factorise(factor):
+            restrict_band(ends, factor)
+            if not factorise(factor):
                 return INDEFINITE, iteration, gap, dual, violation
-        step = _direction(ends, factor, system.right)
+        step = direction(ends, factor, system.right)
         least, most, by_slack, both = _predict(rows, ends, at, system, step, 0.0 if short else 1.0)
         # Along the predictor slack * d_dual + d_slack * dual = -slack * dual: the sums and ratios of the dual follow.
         primal, dual_step = _length(-least, 1.0), _length(1.0 + most, 1.0)
@@ -475,7 +391,7 @@ def iterate(
         target = max(total * (reached / total) ** 3, _CENTRALITY * share * dual * time) / size
         if short:
             target = max(target, _RECENTRE * total / size)
-        step = _direction(ends, factor, system.right + target * system.centre)
+        step = direction(ends, factor, system.right + target * system.centre)
         primal_ratio, dual_ratio, q_ratio = _correct(rows, ends, at, step, target)
         primal = min(_length(primal_ratio, fraction), _length(q_ratio, _Q_STEP_TO_ZERO))
         dual_step = _length(dual_ratio, fraction)
