@@ -14,13 +14,13 @@ from click.testing import CliRunner, Result
 
 from feedopt_core.errors import ConfigError, FeedoptError, InfeasibleLimitsError, SolverError, ToolpathError
 from feedopt_node.errors import SecondGraphError
-from feedopt_tools.command import machine_checks
-from feedopt_tools.command.bench import benchmark_names
 from feedopt_tools.command.exit_codes import exit_code
 from feedopt_tools.command.main import _COMMANDS, main
 from feedopt_tools.command.options import planner_parameters, run_directory
-from feedopt_tools.command.plan import write_setpoints
-from feedopt_tools.command.test import STAGES
+from feedopt_tools.command.program.plan import write_setpoints
+from feedopt_tools.command.upkeep import machine_checks
+from feedopt_tools.command.upkeep.bench import benchmark_names
+from feedopt_tools.command.upkeep.test import STAGES
 
 PROGRAM = "x_mm,y_mm\n0,0\n4,1\n8,0\n10,3\n"
 

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from feedopt_core.errors import Failure, FailureKind, SolverError
-from feedopt_tools.command.run import execution_exit_code, show_execution
+from feedopt_tools.command.graph.run import execution_exit_code, show_execution
 from feedopt_tools.execute.client import ProgramOutcome
 from feedopt_tools.execute.execution import Execution
 

@@ -9,20 +9,21 @@ import sys
 import click
 
 _COMMANDS = {
-    "demo": "Run, record and draw the fan contour.",
-    "run": "Execute and record a program in real time.",
-    "plan": "Plan a program without ROS.",
-    "toolpath": "Say what a program holds, and show its smoothed path.",
-    "view": "Show a recorded run, or two.",
-    "live": "Draw the graph while it runs.",
-    "report": "Write a page about a recorded run.",
-    "export": "Write a plan or a run for other tools.",
-    "replay": "Run recorded inputs again and compare.",
-    "bag": "Look into, check and mend recordings.",
-    "test": "Check the workspace.",
-    "doctor": "Say what is missing on this machine.",
-    "bench": "Run a benchmark.",
+    "demo": ("graph", "Run, record and draw the fan contour."),
+    "run": ("graph", "Execute and record a program in real time."),
+    "plan": ("program", "Plan a program without ROS."),
+    "toolpath": ("program", "Say what a program holds, and show its smoothed path."),
+    "view": ("recording", "Show a recorded run, or two."),
+    "live": ("graph", "Draw the graph while it runs."),
+    "report": ("recording", "Write a page about a recorded run."),
+    "export": ("program", "Write a plan or a run for other tools."),
+    "replay": ("recording", "Run recorded inputs again and compare."),
+    "bag": ("recording", "Look into, check and mend recordings."),
+    "test": ("upkeep", "Check the workspace."),
+    "doctor": ("upkeep", "Say what is missing on this machine."),
+    "bench": ("upkeep", "Run a benchmark."),
 }
+"""Folder of each command, and its line of help."""
 _EPILOG = (
     "Exit codes: 0 done, 1 failed, 2 a program, machine or option cannot be used, "
     "3 another graph runs on this ROS domain."
@@ -41,12 +42,12 @@ class LazyGroup(click.Group):
         if cmd_name not in _COMMANDS:
             return None
         if ctx.resilient_parsing or not ctx.meta.get("feedopt.resolving"):
-            return click.Command(cmd_name, help=_COMMANDS[cmd_name])
+            return click.Command(cmd_name, help=_COMMANDS[cmd_name][1])
         from feedopt_node.graph import ONE_THREAD
 
         # Linear algebra reads these when it is imported, which is below.
         os.environ.update(ONE_THREAD)
-        module = importlib.import_module(f"feedopt_tools.command.{cmd_name}")
+        module = importlib.import_module(f"feedopt_tools.command.{_COMMANDS[cmd_name][0]}.{cmd_name}")
         found = module.command
         assert isinstance(found, click.Command)
         return found

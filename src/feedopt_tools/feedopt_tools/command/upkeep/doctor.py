@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from feedopt_tools.command.exit_codes import FAILURE, OK
-from feedopt_tools.command.machine_checks import all_checks
+from feedopt_tools.command.upkeep.machine_checks import all_checks
 
 _SIGNS = {"ok": "[green]ok[/green]", "hint": "[yellow]hint[/yellow]", "missing": "[red]missing[/red]"}
 

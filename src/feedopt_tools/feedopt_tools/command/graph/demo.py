@@ -13,9 +13,9 @@ from feedopt_core.config_files import config_directory
 from feedopt_core.motion.certificate import ALLOWED_RATIO
 from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_tools.command.exit_codes import FAILURE, OK
+from feedopt_tools.command.graph.run import execution_exit_code, show_execution
+from feedopt_tools.command.graph.run_display import RunDisplay
 from feedopt_tools.command.options import DEFAULT_MACHINE, run_directory
-from feedopt_tools.command.run import execution_exit_code, show_execution
-from feedopt_tools.command.run_display import RunDisplay
 from feedopt_tools.execute.client import ProgramRequest
 from feedopt_tools.execute.execution import RunOptions, execute_program
 from feedopt_tools.execute.judgement import Judgement, judge_run

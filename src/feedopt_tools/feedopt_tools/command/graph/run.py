@@ -12,6 +12,7 @@ from rich.table import Table
 
 from feedopt_core.pipeline.read_program import open_program
 from feedopt_tools.command.exit_codes import FAILURE, OK, exit_code
+from feedopt_tools.command.graph.run_display import RunDisplay
 from feedopt_tools.command.options import (
     machine_option,
     method_option,
@@ -20,7 +21,6 @@ from feedopt_tools.command.options import (
     tolerance_option,
     transition_options,
 )
-from feedopt_tools.command.run_display import RunDisplay
 from feedopt_tools.execute.client import ProgramRequest
 from feedopt_tools.execute.execution import Execution, RunOptions, execute_program
 
