@@ -15,11 +15,11 @@ from feedopt_core.geometry.segments import NurbsSegment, SegmentPlace
 
 _CLOSED_MM = 1e-9
 _INTERVALS = 8
-"""Intervals a segment: fewer and longer segments cost less to send and to evaluate, shorter ones arrive earlier."""
+"""Intervals per segment. Long segments are cheaper to send and evaluate, short ones arrive earlier."""
 
 
 DEFAULT_TOLERANCE_MM = 0.01
-"""Largest distance of the smoothed from the programmed path where the user gives none."""
+"""Default of the largest distance between smoothed and programmed path."""
 
 
 def interpolate_points(
@@ -33,11 +33,11 @@ def interpolate_points(
     Args:
         points_mm: shape (n, dimensions), n >= 2, no two neighbours equal.
         source_lines: line of the program of each point.
-        tolerance_mm: largest distance of the segments from the points; they pass through them but for rounding.
+        tolerance_mm: largest distance of the segments from the points; they pass through them up to rounding.
 
     Raises:
-        ToolpathError: a point is further from the segments than the tolerance: it asks for less than rounding leaves.
-        StandstillError: the spline turns round on the spot; names the line of the nearest point.
+        ToolpathError: a point is farther from the segments than the tolerance, which is below the rounding error.
+        StandstillError: the spline reverses at a point; names the line of the nearest programmed point.
     """
     chords = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_mm, axis=0), axis=1))])
     closed = len(points_mm) > 3 and float(np.linalg.norm(points_mm[-1] - points_mm[0])) <= _CLOSED_MM
@@ -72,7 +72,7 @@ def _piece(spline: CubicSpline, first: int, stop: int) -> tuple[NurbsCurve, ArcL
     """Intervals first to stop of the spline as one clamped cubic B-spline over chord length, from 0."""
     joints = spline.x[first : stop + 1] - spline.x[first]
     knots = np.concatenate([np.zeros(3), joints, np.full(3, joints[-1])])
-    # Control point i is the blossom of any polynomial in its support at the three knots behind knot i.
+    # Control point i is the blossom of a polynomial in its support, at the three knots after knot i.
     index = np.arange(len(joints) + 2)
     owner = np.clip(index - 2, 0, stop - first - 1)
     a3, a2, a1, a0 = spline.c[:, first + owner]

@@ -14,9 +14,9 @@ from feedopt_core.geometry.nurbs import NurbsCurve
 from feedopt_core.geometry.segments import NurbsSegment, PlanarSegment, Segment, SegmentKind, SegmentPlace
 
 UNPLACED = SegmentPlace(1, 1, 0.0)
-"""Place of a curve that is no segment of a toolpath yet."""
+"""Place of a curve before it becomes a segment of the toolpath."""
 AVAILABLE_SHARE = 0.49
-"""Part of an element that a blend at either end may replace; a little less than half, so that no sliver is left."""
+"""Share of an element that a blend at either end may replace: just below half, so that a usable part remains."""
 _ROUNDING = 64.0 * float(np.finfo(np.float64).eps)
 _REFERENCE_SHARE = 2e-3
 _MOST_POINTS = 2000
@@ -28,12 +28,12 @@ class PathElement:
 
     Attributes:
         curve: the piece; its place is not set yet.
-        line: line of the program.
+        line: its line in the program.
         feed_mm_s: programmed feed, infinity for rapids.
         tolerance_mm: largest distance of the smoothed from the programmed path here.
-        rapid: a rapid.
-        exact_stop: the machine comes to rest at its end.
-        follows: it continues the element before with the same direction and curvature, by construction.
+        rapid: it is a rapid.
+        exact_stop: the machine stops at its end.
+        follows: by construction, it continues the element before with the same direction and curvature.
         available_start_mm, available_end_mm: length at its ends that blends may replace.
         programmed_start_mm, programmed_end_mm: programmed points next to its ends, in order, where the curve itself is
             not the programmed one; they cover the room.
@@ -69,7 +69,7 @@ class PathElement:
 
 
 def rounding_mm(*positions_mm: FloatArray) -> float:
-    """Distance below which points with such coordinates are the same but for rounding."""
+    """Rounding error of points with such coordinates, mm: nearer points count as equal."""
     return _ROUNDING * max(float(np.max(np.abs(position), initial=0.0)) for position in positions_mm)
 
 
@@ -85,7 +85,7 @@ def straight_curve(start_mm: FloatArray, end_mm: FloatArray) -> PlanarSegment:
 def straight_element(
     start_mm: FloatArray, end_mm: FloatArray, line: int, feed_mm_s: float, tolerance_mm: float, rapid: bool
 ) -> PathElement:
-    """Straight element between two points that differ, with the usual room at both ends."""
+    """Straight element between two points that differ, with the usual available length at both ends."""
     curve = straight_curve(start_mm, end_mm)
     available_mm = AVAILABLE_SHARE * curve.length_mm
     return PathElement(

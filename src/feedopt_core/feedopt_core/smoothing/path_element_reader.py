@@ -23,7 +23,7 @@ from feedopt_core.smoothing.path_element import (
 from feedopt_core.smoothing.polyline import Polyline, PolylineKind
 
 _SPANS = 16
-"""Knot spans an element: a longer curve is divided so that it arrives in parts."""
+"""Most knot spans per element: a longer curve arrives in several elements."""
 _GAP = 1e-6
 _G2_TURN = 1e-7
 _G2_STEP = 1e-5
@@ -33,7 +33,7 @@ class PathElementReader:
     """Moves of one program in, elements out.
 
     Args:
-        tolerance_mm: of feed moves without one of their own.
+        tolerance_mm: of feed moves, if the program gives none.
         dimensions: coordinates of the machine, 2 or 3.
         rapid_tolerance_mm: of rapids; None: as for feed moves.
     """
@@ -63,7 +63,7 @@ class PathElementReader:
             yield from self._nurbs(move)
 
     def flush(self) -> Iterator[PathElement]:
-        """The straight moves held back: what comes next is none."""
+        """Path elements of the straight moves held so far; the next move is not straight."""
         polyline, self._polyline = self._polyline, None
         if polyline is not None:
             yield from polyline.finish()
@@ -214,7 +214,7 @@ def _arc_curve(move: ArcMove) -> PlanarSegment:
 
 
 def _breaks(curve: NurbsCurve) -> tuple[list[float], list[bool]]:
-    """Parameters that divide a curve where it is not G2, and else into parts of a bounded number of spans.
+    """Parameters that divide a curve where it is not G2, and where a part would have too many spans.
 
     Returns:
         The parameters, and for each part whether it follows the one before smoothly.

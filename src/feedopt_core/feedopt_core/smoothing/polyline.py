@@ -55,7 +55,7 @@ class Polyline:
         naive_mm = min(kind.mode.naive_cam_mm, 0.5 * kind.tolerance_mm)
         self._tolerance_mm = kind.tolerance_mm - naive_mm
         self._merged_mm = max(naive_mm, _MERGED_SHARE * kind.tolerance_mm)
-        # Vertices that are held, with line and feed of the move that ends at each.
+        # Vertices held, with line and feed of the move that ends at each.
         self._points_mm = start_mm[None, :]
         self._lines = np.zeros(1, dtype=np.int64)
         self._feeds_mm_s = np.zeros(1)
@@ -66,7 +66,7 @@ class Polyline:
         self._enough = _FIRST_BLOCK
 
     def add(self, points_mm: FloatArray, lines: IntArray, feed_mm_s: FloatArray) -> Iterator[PathElement]:
-        """Path elements that became final with moves to the points, shape (n, dimensions)."""
+        """Add moves to the points, shape (n, dimensions); yields the path elements that are final now."""
         self._points_mm = np.concatenate([self._points_mm, points_mm])
         self._lines = np.concatenate([self._lines, lines])
         self._feeds_mm_s = np.concatenate([self._feeds_mm_s, feed_mm_s])
@@ -75,7 +75,7 @@ class Polyline:
             self._enough = max(_BLOCK, 2 * len(self._points_mm))
 
     def finish(self) -> Iterator[PathElement]:
-        """The rest."""
+        """Yield the remaining elements."""
         yield from self._process(final=True)
 
     def _process(self, *, final: bool) -> Iterator[PathElement]:
@@ -104,7 +104,7 @@ class Polyline:
         self._feeds_mm_s = self._feeds_mm_s[kept]
 
     def _drop_duplicates(self) -> None:
-        """Moves far below the tolerance end where the next one does; the last point is always met."""
+        """Drop moves far shorter than the tolerance; the last point is always kept."""
         least_mm = max(_DROPPED_SHARE * self.kind.tolerance_mm, rounding_mm(self._points_mm))
         chords = np.linalg.norm(np.diff(self._points_mm, axis=0), axis=1)
         if np.all(chords > least_mm):
@@ -116,7 +116,7 @@ class Polyline:
             if np.linalg.norm(self._points_mm[index] - self._points_mm[last]) > least_mm:
                 kept[index], last = True, index
         if last != len(kept) - 1 and last > self._next:
-            # The end of the moves takes the place of the last vertex kept.
+            # The last point replaces the last vertex kept.
             kept[last], kept[-1] = False, True
             self._lines[-1], self._feeds_mm_s[-1] = self._lines[last], self._feeds_mm_s[last]
         elif last != len(kept) - 1 and np.any(self._points_mm[-1] != self._points_mm[last]):
@@ -124,7 +124,7 @@ class Polyline:
         self._keep(kept)
 
     def _merge_collinear(self) -> None:
-        """Vertices on the straight line between others are left out."""
+        """Drop vertices that lie on the straight line between others."""
         merged_mm = max(self._merged_mm, rounding_mm(self._points_mm))
         points = np.ascontiguousarray(self._points_mm)
         line_from, kept = _straightened(points, self._feeds_mm_s, self._next, merged_mm)
@@ -132,7 +132,7 @@ class Polyline:
         self._keep(kept)
 
     def _corners(self, *, final: bool) -> tuple[NDArray[np.bool_], int]:
-        """Which of the vertices held are corners (ends included), and the last one about which that is certain."""
+        """Corner flag of each vertex held (ends included), and the last vertex for which the flag is final."""
         p = self._points_mm
         steps = np.diff(p, axis=0)
         chords = np.linalg.norm(steps, axis=1)
@@ -150,7 +150,7 @@ class Polyline:
         known = len(p) - 1
         if not final:
             known = int(np.searchsorted(length, length[-1] - 2.0 * reach_mm)) - 2
-        # A single vertex between two corners is one too.
+        # A single vertex between two corners is a corner as well.
         in_run = ~corner
         in_run[self._next] = self._before_in_run
         alone = in_run[1:-1] & ~in_run[:-2] & ~in_run[2:]
@@ -159,7 +159,7 @@ class Polyline:
         return corner, known
 
     def _element_or_run(self, vertex: int) -> Iterator[PathElement]:
-        """What leads to the next corner."""
+        """Yield the elements up to the next corner."""
         if self._run is None and vertex == self._next + 1:
             yield self._straight(self._points_mm[self._next], self._points_mm[vertex], vertex)
         else:
@@ -185,7 +185,7 @@ class Polyline:
         )
 
     def _open_run(self) -> Iterator[PathElement]:
-        """Begin a run at the next element; a long one stays straight up to where the run has to begin turning."""
+        """Begin a run at the next element. A long element stays straight until the run has to turn."""
         p, first = self._points_mm, self._next
         lead_mm = self._lead(p[first : first + 3], p[first + 1 :])
         if lead_mm is None:
@@ -199,7 +199,7 @@ class Polyline:
         self._before_in_run = True
 
     def _feed_run(self, vertex: int) -> Iterator[PathElement]:
-        """Give the run all vertices up to one."""
+        """Pass all vertices up to ``vertex`` to the run."""
         assert self._run is not None
         new = slice(self._next + 1, vertex + 1)
         if new.stop > new.start:
@@ -207,7 +207,7 @@ class Polyline:
             self._next, self._before_in_run = vertex, True
 
     def _close_run(self, vertex: int) -> Iterator[PathElement]:
-        """End the run with the element to a corner, or on it where it is long."""
+        """End the run with the element to a corner; within it, if the element is long."""
         p, run, before = self._points_mm, self._run, vertex - 1
         assert run is not None
         self._run = None
@@ -246,7 +246,7 @@ class Polyline:
         return min(0.5 * length, wanted_mm)
 
     def _forget(self) -> None:
-        """Drop the vertices behind the next element, but for those that show the direction in which it is reached."""
+        """Drop the vertices before the next element, except those that give the direction at its start."""
         p, first = self._points_mm, self._next
         behind = np.linalg.norm(p[: first + 1] - p[first], axis=1) > _CORNER_REACH * self._tolerance_mm
         drop = max(0, min(first - 2, int(np.flatnonzero(behind)[-1]) - 1 if np.any(behind) else 0))
@@ -258,10 +258,10 @@ class Polyline:
 def _straightened(
     points: FloatArray, feeds: FloatArray, first: int, merged: float
 ) -> tuple[IntArray, NDArray[np.bool_]]:
-    """Which vertices stay when moves of one feed in one direction that stay close to one line become one.
+    """Merge moves of one feed that stay close to one straight line.
 
     Returns:
-        For each vertex the one whose move names the line of the program, and whether it stays; from ``first`` on.
+        For each vertex: the vertex whose move gives the program line, and whether it stays; from ``first`` on.
     """
     count = len(points)
     line_from, kept = np.arange(count), np.ones(count, dtype=np.bool_)
@@ -308,7 +308,7 @@ def _turns(before: FloatArray, after: FloatArray) -> FloatArray:
 
 
 def _sharp(points: FloatArray, length: FloatArray, reach_mm: float) -> NDArray[np.bool_]:
-    """Vertices where the path turns sharply over the reach to either side, the sharpest one within it only."""
+    """Vertices where the path turns sharply within the reach on either side; of several, only the sharpest."""
     count = len(points)
     index = np.arange(count)
     behind = np.minimum(np.searchsorted(length, length - reach_mm, side="right") - 1, index - 1).clip(0)
@@ -320,7 +320,7 @@ def _sharp(points: FloatArray, length: FloatArray, reach_mm: float) -> NDArray[n
     turns[valid] = _turns(into[valid] / sizes[0][valid][:, None], out[valid] / sizes[1][valid][:, None])
     sharp = np.flatnonzero(turns > _CORNER_RAD)
     found = np.zeros(count, dtype=bool)
-    # From the sharpest down: each one rules out its neighbours within the reach.
+    # In falling order of sharpness: each vertex excludes its neighbours within the reach.
     for vertex in sharp[np.argsort(-turns[sharp], kind="stable")]:
         if not np.any(found[behind[vertex] + 1 : ahead[vertex]]):
             found[vertex] = True

@@ -1,11 +1,11 @@
 """The smoothing stage: programmed moves in, segments of a smooth path out, as a stream.
 
-Moves become elements (smooth pieces between joints); every joint between two elements is then resolved in turn:
+Moves become path elements (smooth pieces between joints). Then every joint between two elements is resolved in turn:
 
 - the elements continue each other: nothing to do
 - corner between straight elements: pair of Euler spirals
 - any other joint: both elements are cut back and joined by a quintic
-- no curve within the tolerance (reversal, cusp, no room), or an exact stop is programmed: the machine stops there
+- no curve within the tolerance (reversal, cusp, short elements), or a programmed exact stop: the machine stops there
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from feedopt_core.smoothing.path_element import PathElement, part, rounding_mm
 from feedopt_core.smoothing.path_element_reader import PathElementReader
 
 _SHARPEST_CORNER_RAD = 2.97
-"""170 degrees: beyond, the spirals are so tight that stopping is as fast."""
+"""170 degrees: at sharper corners the spirals are so tight that an exact stop is as fast."""
 _BRIDGED = 4.0
-"""Path elements shorter than so many tolerances have no room for a blend at either end: one blend replaces them."""
+"""Path elements shorter than this, in tolerances, cannot have a blend at each end: one blend replaces them."""
 _LONGEST_BRIDGE = 12.0
 
 
@@ -33,17 +33,17 @@ def smooth(
 ) -> Iterator[Segment]:
     """Segments of the smoothed path, G2 everywhere but at exact stops, in order, as soon as they are final.
 
-    Events that stand behind the last motion have no segment to take effect at and end with the program.
+    Events after the last motion have no segment and are lost.
 
     Args:
         moves: of the program.
-        tolerance_mm: largest distance of the smoothed from the programmed path where the program gives none.
+        tolerance_mm: largest distance of the smoothed from the programmed path, if the program gives none.
         dimensions: coordinates of the machine, 2 or 3.
         rapid_tolerance_mm: the same for joints between rapids; None: as for feed moves. Where a rapid meets a feed
             move, the smaller one of the two holds.
 
     Raises:
-        ToolpathError: a move needs a coordinate the machine has not, does not start where the one before ended, or
+        ToolpathError: a move needs a coordinate that the machine lacks, does not start where the one before ended, or
             has no curve; there is no motion at all. Names the line.
     """
     reader = PathElementReader(tolerance_mm, dimensions, rapid_tolerance_mm)
@@ -74,19 +74,19 @@ class SegmentStream:
         self._held: Segment | None = None
 
     def take_event(self, event: ProgramEvent) -> None:
-        """Something that happens behind the last element; the texts go to the segment that starts there."""
+        """Add an event after the last element; its text goes to the segment that starts there."""
         if event.text:
             self._events.append(event.text)
         self._stop = self._stop or event.stop or event.dwell_s > 0.0
         self._dwell_s += event.dwell_s
 
     def take_all(self, elements: Iterator[PathElement]) -> Iterator[Segment]:
-        """Segments that became final with the elements."""
+        """Add elements; yields the segments that are final now."""
         for element in elements:
             yield from self._take(element)
 
     def finish(self) -> Iterator[Segment]:
-        """The rest of the segments; the last one ends the program. Raises ToolpathError where there is none."""
+        """Yield the remaining segments; the last one ends the program. Raises ToolpathError if there is no motion."""
         if self._element is None:
             raise ToolpathError("holds no motion", line=1, column=1)
         yield from self._settle_bridge()
@@ -113,7 +113,7 @@ class SegmentStream:
         yield from self._resolve(element)
 
     def _settle_bridge(self) -> Iterator[Segment]:
-        """No blend spans the tiny elements: each joint for itself."""
+        """Resolve the joints of the tiny elements one by one, since no blend spans them."""
         bridge, self._bridge = self._bridge, []
         events, stop, dwell_s = self._events, self._stop, self._dwell_s
         self._events, self._stop, self._dwell_s = [], False, 0.0
@@ -122,7 +122,7 @@ class SegmentStream:
         self._events, self._stop, self._dwell_s = events, stop, dwell_s
 
     def _resolve(self, after: PathElement) -> Iterator[Segment]:
-        """The joint between the element held and the next one, which is held then."""
+        """Resolve the joint between the element held and the next one, and hold the next one."""
         before, bridge = self._element, self._bridge
         assert before is not None
         if self._stop or before.exact_stop:
@@ -169,7 +169,7 @@ class SegmentStream:
         self._hold(after, cut_mm)
 
     def _go_on(self, after: PathElement) -> Iterator[Segment]:
-        """The elements continue each other."""
+        """Join elements that continue each other."""
         assert self._element is not None
         yield from self._leave(self._element.length_mm)
         self._hold(after, 0.0)
@@ -188,13 +188,13 @@ class SegmentStream:
         self._stop, self._dwell_s = False, 0.0
 
     def _leave(self, end_mm: float) -> Iterator[Segment]:
-        """What is left of the element held, up to an arc length on its curve."""
+        """Yield the remaining part of the element held, up to an arc length on its curve."""
         element = self._element
         assert element is not None
         yield from self._place(part(element.curve, self._cut_mm, end_mm), element)
 
     def _place(self, curve: Segment, *elements: PathElement) -> Iterator[Segment]:
-        """Put the next curve at its place: the lower feed, a rapid only between rapids."""
+        """Append the next curve with the lower feed of its elements; it is a rapid only if all of them are."""
         before = self._held
         place = SegmentPlace(
             sequence=1 if before is None else before.place.sequence + 1,

@@ -24,15 +24,15 @@ from feedopt_core.smoothing.corners.replaced import replaced_end, replaced_start
 from feedopt_core.smoothing.path_element import UNPLACED, PathElement, rounding_mm, sampled
 
 SMOOTH_TURN_RAD = 1e-8
-"""Turn at a joint that counts as none."""
+"""A smaller turn at a joint is treated as tangent."""
 _SMOOTH_STEP = 1e-6
 _KNOTS = np.array([0.0] * 6 + [1.0] * 6)
 _STRAIGHT_PER_MM = 1e-9
-"""Curvature that rounding leaves at the end of a curve that joins a straight element."""
+"""Largest curvature, by rounding, at the end of a curve that joins a straight element."""
 
 
 def _bernstein(count: int) -> FloatArray:
-    """Weights of the six Bezier points at so many parameters from 0 to 1, shape (count, 6)."""
+    """Weights of the six Bezier points at ``count`` parameters from 0 to 1, shape (count, 6)."""
     u, k = np.linspace(0.0, 1.0, count)[:, None], np.arange(6)
     return np.asarray(np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0]) * u**k * (1.0 - u) ** (5 - k))
 
@@ -43,13 +43,13 @@ _GOOD_SHARE = 0.88
 _MOST_SHARE = 0.985
 _AIM_SHARE = 0.95
 _LARGEST_RATIO = 4.0
-"""Of the two cuts: a very lopsided quintic swings."""
+"""Largest ratio of the two cuts: with very unequal cuts the quintic swings out."""
 _SHARPEST_TURN_RAD = 2.97
 
 
 @dataclass(frozen=True)
 class Blend:
-    """What takes the place of a joint.
+    """The curve that replaces a joint.
 
     Attributes:
         cut_before_mm, cut_after_mm: length it replaces of the element before and of the one after.
@@ -64,11 +64,11 @@ class Blend:
 
 
 def blend(before: PathElement, bridge: Sequence[PathElement], after: PathElement) -> Blend | None:
-    """Longest blend within the tolerance; None where there is none and the machine must stop.
+    """Longest blend within the tolerance; None if no blend fits and the machine must stop.
 
     Args:
         before, after: elements to join.
-        bridge: elements between them that the blend replaces altogether.
+        bridge: elements between them that the blend replaces as a whole.
     """
     tolerance_mm = min(element.tolerance_mm for element in (before, *bridge, after))
     end = before.curve.evaluate(np.array([before.length_mm]))
@@ -123,7 +123,7 @@ def _try(
     swing: float,
     tolerance_mm: float,
 ) -> _Trial:
-    """Blend between two elements, each with the length to cut from it."""
+    """Blend between two elements, each given with the length to cut."""
     net = _quintic_net(
         before[0].curve.evaluate(np.array([before[0].length_mm - before[1]])),
         after[0].curve.evaluate(np.array([after[1]])),
@@ -132,7 +132,7 @@ def _try(
     into, beyond = replaced_end(*before, tolerance_mm), replaced_start(*after, tolerance_mm)
     replaced = np.concatenate([into.programmed_mm, *between, beyond.programmed_mm])
     deviation = 0.0
-    # A blend that passes on a few points is looked at again on many.
+    # A blend that passes at a few points is checked again at many.
     for weights in (_COARSE, _FINE):
         if deviation <= _MOST_SHARE * tolerance_mm:
             points = weights @ net
@@ -177,7 +177,7 @@ def _quintic_net(start: PathPoints, end: PathPoints, swing: float) -> FloatArray
 
 def _finish(trial: _Trial) -> Blend | None:
     net = trial.net_mm
-    # Over its length, not over 1: the parameter then has the scale of the program.
+    # Parametrised over its length, so that the parameter has the scale of the program.
     scale = float(np.linalg.norm(net[-1] - net[0]))
     curve = NurbsCurve.from_control_net(5, _KNOTS * scale, net, np.ones(6))
     try:
@@ -189,7 +189,7 @@ def _finish(trial: _Trial) -> Blend | None:
 
 
 def continues(before: Segment, after: Segment) -> bool:
-    """The two curves join with the same direction and curvature, but for what rounding leaves of them."""
+    """The two curves join with the same direction and curvature, up to rounding."""
     end, start = before.evaluate(np.array([before.length_mm])), after.evaluate(np.zeros(1))
     turn = float(np.linalg.norm(start.dr_ds - end.dr_ds))
     step = float(np.linalg.norm(start.d2r_ds2 - end.d2r_ds2))

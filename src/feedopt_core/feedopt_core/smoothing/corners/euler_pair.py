@@ -82,5 +82,5 @@ class EulerPair:
 
 
 def turning_angle(before: FloatArray, after: FloatArray) -> float:
-    """Angle between two unit directions, 0 to pi, accurate for small ones too."""
+    """Angle between two unit directions, 0 to pi; accurate for small angles as well."""
     return 2.0 * float(np.arctan2(np.linalg.norm(after - before), np.linalg.norm(after + before)))

@@ -1,4 +1,4 @@
-"""What a blend replaces of its two elements, and how far it is from that."""
+"""The part of the path that a blend replaces, and the distance of the blend from it."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from feedopt_core.compiled import compiled
 from feedopt_core.smoothing.path_element import PathElement, sampled
 
 _CONTINUED = 4.0
-"""Length, in tolerances, of the curve behind a cut that a programmed spike may belong to."""
+"""Length of curve, in tolerances, next to a cut, within which a programmed spike may lie."""
 _SPIKE = 30.0
-"""Length, in tolerances, by which the programmed path may be longer than the curve that stands for it."""
+"""Length, in tolerances, by which the programmed path may be longer than the curve that replaces it."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Replaced:
 
 
 def replaced_end(element: PathElement, cut_mm: float, tolerance_mm: float) -> Replaced:
-    """What is lost of the end of an element that is cut back."""
+    """The end of an element that a cut removes."""
     at_mm = element.length_mm - cut_mm
     if element.programmed_end_mm is None:
         return Replaced(
@@ -41,7 +41,7 @@ def replaced_end(element: PathElement, cut_mm: float, tolerance_mm: float) -> Re
 
 
 def replaced_start(element: PathElement, cut_mm: float, tolerance_mm: float) -> Replaced:
-    """What is lost of the start of an element that is cut back."""
+    """The start of an element that a cut removes."""
     if element.programmed_start_mm is None:
         return Replaced(sampled(element.curve, 0.0, cut_mm, tolerance_mm), np.empty((0, element.dimensions)))
     end_mm = min(element.length_mm, cut_mm + _CONTINUED * tolerance_mm)
@@ -50,9 +50,9 @@ def replaced_start(element: PathElement, cut_mm: float, tolerance_mm: float) -> 
 
 
 def _up_to(points_mm: FloatArray, cut_point_mm: FloatArray, cut_mm: float, tolerance_mm: float) -> FloatArray:
-    """First part of a polyline, up to the last place that may belong to a point on the curve that stands for it.
+    """First part of a polyline, up to the last place that may correspond to a point of its curve.
 
-    The curve may be much shorter than the polyline where that has spikes, so the place is found by distance.
+    A polyline with spikes may be much longer than its curve, so the place is found by distance.
     """
     steps = np.diff(points_mm, axis=0)
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
@@ -68,7 +68,7 @@ def _up_to(points_mm: FloatArray, cut_point_mm: FloatArray, cut_mm: float, toler
 
 
 def two_way_distance(points_mm: FloatArray, replaced_mm: FloatArray, continued_mm: FloatArray) -> float:
-    """Largest distance of a polyline's inner points from another one, and of that one's inner points from the first.
+    """Largest distance between two polylines: from the inner points of each one to the other.
 
     Args:
         points_mm: the one polyline, shape (n, d).
@@ -80,7 +80,7 @@ def two_way_distance(points_mm: FloatArray, replaced_mm: FloatArray, continued_m
 
 @compiled
 def _largest_distance(points: FloatArray, chain: FloatArray) -> float:
-    """Of the points, but for the first and the last one, from the nearest place on the chain."""
+    """Largest distance of the inner points from the chain."""
     largest = 0.0
     for i in range(1, len(points) - 1):
         nearest = np.inf

@@ -1,4 +1,4 @@
-"""A quintic spline as polynomials between its knots: how far it is from a polyline, and pieces of it as NURBS."""
+"""A quintic spline as polynomials between its knots: its distance from a polyline, and its pieces as NURBS."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ class SplinePolynomials:
 
     @classmethod
     def of_control_net(cls, knots: FloatArray, control_mm: FloatArray) -> SplinePolynomials:
-        """From clamped knots and control points."""
+        """Polynomials of a spline with clamped knots and control points."""
         joints = knots[DEGREE : len(knots) - DEGREE]
         spline = BSpline(knots, control_mm, DEGREE)
         taylor = np.stack([spline(joints[:-1], nu=i) / math.factorial(i) for i in range(DEGREE + 1)])
         return cls(joints, taylor)
 
     def state_at(self, joint: int) -> FloatArray:
-        """Taylor coefficients behind a joint that is not the last one, shape (6, d)."""
+        """Taylor coefficients after a joint other than the last one, shape (6, d)."""
         return self.taylor[:, joint]
 
     def cut(self, edges: FloatArray) -> SplinePolynomials:
-        """The same curve with further joints and without what lies outside them.
+        """The same curve with more joints, cut to their range.
 
         Args:
             edges: increasing parameters within the curve; first and last are the new ends.
@@ -130,7 +130,7 @@ def distance_bounds(
             distance = np.sqrt(square)
             bend_here = np.sqrt(bend_square)
             if i > 0:
-                # Twice the larger end value covers what a quintic's second derivative does in between.
+                # Twice the larger end value bounds the second derivative of a quintic in between.
                 worst = max(worst, max(distance, before) + max(bend_here, bend_before) * width * width / 4.0)
             before, bend_before = distance, bend_here
         bounds[j] = worst

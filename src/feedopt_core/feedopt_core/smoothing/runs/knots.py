@@ -1,4 +1,4 @@
-"""Where the smooth curve through a polyline needs knots and sites: densely where it turns, few where it is gentle."""
+"""Knots and sites of the smooth curve through a polyline: dense at turns, sparse where it is gentle."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def turns_rad(points_mm: FloatArray) -> FloatArray:
 
 
 def span_lengths_mm(turn_rad: FloatArray, tolerance_mm: float) -> FloatArray:
-    """Knot spacing that a vertex of the coarse polyline asks for, shape (n,).
+    """Knot spacing needed at each vertex of the coarse polyline, shape (n,).
 
     A part of the length, about 8 e / t, over which a curve that leaves the polyline by no more than e makes the turn t;
     a smaller part at corners, where the curve changes faster than where a bend is divided among many vertices.
@@ -33,7 +33,7 @@ def span_lengths_mm(turn_rad: FloatArray, tolerance_mm: float) -> FloatArray:
 
 
 def span_counts(chords_mm: FloatArray, spans_mm: FloatArray, start: float) -> FloatArray:
-    """Rough count of spans up to each vertex, shape (n,), from the count at the first one.
+    """Estimated number of spans up to each vertex, shape (n,), starting with that of the first one.
 
     Chords between sharp turns count a few spans at most.
     """
@@ -62,7 +62,7 @@ def _spacing(u: FloatArray, graded_mm: FloatArray, at: float, chord: int) -> flo
 
 @compiled
 def graded_joints(u: FloatArray, graded_mm: FloatArray, start: float) -> FloatArray:
-    """Knots from start to the last vertex, shape (n,), spaced as wanted at both ends of each span.
+    """Knots from start to the last vertex, shape (n,), with the given spacing at both ends of each span.
 
     Args:
         u: parameters of the vertices.
@@ -90,7 +90,7 @@ def graded_joints(u: FloatArray, graded_mm: FloatArray, start: float) -> FloatAr
 
 @compiled
 def place_sites(u: FloatArray, graded_mm: FloatArray, start: float) -> tuple[FloatArray, IntArray]:
-    """Points on the polyline to hold the curve at: the start, every vertex behind it, some for each span.
+    """Sites on the polyline where the curve must stay close: the start, every later vertex, some in each span.
 
     Args:
         u: parameters of the vertices; start is on the first chord.
@@ -98,14 +98,14 @@ def place_sites(u: FloatArray, graded_mm: FloatArray, start: float) -> tuple[Flo
         start: parameter of the first site.
 
     Returns:
-        Parameters of the sites, increasing, and the index of the vertex each one stands at or behind, shape (m,).
+        Parameters of the sites, increasing, and the index of the last vertex at or before each, shape (m,).
     """
     sites = [start]
     chord = [0]
     for j in range(len(u) - 1):
         width = u[j + 1] - u[j]
         count = max(1, int(np.ceil(_SITES_PER_SPAN * width / min(graded_mm[j], graded_mm[j + 1]))))
-        # Long chords between turns: the spacing grows away from both, so the sites may.
+        # On long chords the knot spacing grows away from both turns, and so may that of the sites.
         if count > 16:
             at = u[j]
             while True:

@@ -1,4 +1,4 @@
-"""A run of short moves on its way through the run smoother: its pieces become elements."""
+"""Passes a run of short moves through the run smoother and turns its pieces into path elements."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Run:
         tolerance_mm: largest distance from the moves.
         rapid: the moves are rapids.
         start_mm: where it starts, shape (dimensions,).
-        direction: of the straight element it continues; None where it starts at a corner.
+        direction: of the straight element before it; None if it starts at a corner.
     """
 
     def __init__(self, tolerance_mm: float, rapid: bool, start_mm: FloatArray, direction: FloatArray | None) -> None:
@@ -37,12 +37,12 @@ class Run:
         self._smoother: RunSmoother | None = RunSmoother(_TUBE_SHARE * tolerance_mm, direction)
         self._head = self._tail = start_mm[None, :]
         self._held: PathElement | None = None
-        # Everything given to the smoother so far, until its first piece comes.
+        # All input of the smoother, until its first piece comes.
         self._given = [(start_mm[None, :], np.zeros(1, dtype=np.int64), np.zeros(1))]
         self._begun = False
 
     def add(self, points_mm: FloatArray, lines: IntArray, feed_mm_s: FloatArray) -> Iterator[PathElement]:
-        """Path elements that became final with moves to the points, shape (n, dimensions)."""
+        """Add moves to the points, shape (n, dimensions); yields the path elements that are final now."""
         if self._smoother is None:
             yield from self._straight_elements(points_mm, lines, feed_mm_s)
             return
@@ -62,7 +62,7 @@ class Run:
             yield from self._elements(pieces)
 
     def finish(self, direction: FloatArray | None) -> Iterator[PathElement]:
-        """The rest; direction of the straight element that continues it, None where it ends at a corner."""
+        """Yield the remaining elements. ``direction``: of the straight element after it, None at a corner."""
         if self._smoother is None:
             return
         try:
@@ -94,7 +94,7 @@ class Run:
             self._held, self._follows = element, True
 
     def _give_up(self) -> Iterator[PathElement]:
-        """All moves so far as straight elements, and all to come."""
+        """Fall back to straight elements for all moves of this run."""
         self._smoother = None
         points_mm, lines, feed_mm_s = _joined(self._given)
         self._tail = points_mm[:1]

@@ -1,4 +1,4 @@
-"""The vertices of a run as its fit needs them: a parameter free of noise, and how sharply the run turns where.
+"""Vertices of a run with the data for its fit: a parameter free of noise, and how sharply the run turns.
 
 Both come from a second, coarser simplification: what stays within half of the tolerance of a chord is noise to the
 curve, and neither its length nor its turns count.
@@ -25,7 +25,7 @@ _LEAST_STEP = 1e-6
 
 @dataclass(frozen=True)
 class RunPolyline:
-    """Vertices of a run, each with what its fit needs to know.
+    """Vertices of a run, with the data for its fit.
 
     Attributes:
         points_mm: shape (n, d).
@@ -49,7 +49,7 @@ class RunPolyline:
         return RunPolyline(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
     def joined(self, behind: RunPolyline) -> RunPolyline:
-        """These vertices and those behind them."""
+        """These vertices followed by others."""
         pairs = ((getattr(self, name), getattr(behind, name)) for name in self.__dataclass_fields__)
         return RunPolyline(*(np.concatenate(pair) for pair in pairs))
 
@@ -57,7 +57,7 @@ class RunPolyline:
 class PolylineMeasure:
     """Measures the vertices of a run as they arrive.
 
-    A vertex where the run turns round is replaced by one on each side of it: the curve needs room to turn.
+    A vertex where the run reverses is replaced by one on each side of it: the curve needs space to turn.
 
     Args:
         tolerance_mm: of the run.
@@ -65,7 +65,7 @@ class PolylineMeasure:
 
     def __init__(self, tolerance_mm: float) -> None:
         self._tolerance_mm = tolerance_mm
-        # From the last measured vertex of the coarse polyline on; the next one stands at _anchor.
+        # Starts at the last measured vertex of the coarse polyline; the next one is at _anchor.
         self._held: Vertices | None = None
         self._anchor = 0
         self._measured_any = False
@@ -74,10 +74,10 @@ class PolylineMeasure:
         self._span_mm = LARGEST_SPAN_MM
 
     def add(self, vertices: Vertices, *, final: bool) -> RunPolyline:
-        """Take in the next vertices; final says that no more follow.
+        """Add the next vertices; ``final``: no more follow.
 
         Returns:
-            The vertices that are measured now, without those given before.
+            Newly measured vertices.
         """
         held = vertices if self._held is None else self._held.joined(vertices)
         points_mm = held.points_mm
@@ -97,11 +97,11 @@ class PolylineMeasure:
         return measured
 
     def _measure(self, held: Vertices, coarse: IntArray, turn_rad: FloatArray, first: int) -> RunPolyline:
-        """Vertices behind coarse[0] up to coarse[-1]; with the first one where first is 0."""
+        """Vertices after coarse[0] up to coarse[-1]; including coarse[0] if first is 0."""
         points_mm = held.points_mm[: coarse[-1] + 1]
         turning = turn_rad > _U_TURN_RAD
         extra_mm = np.where(turning, 2.0 * _U_TURN_SHARE * self._tolerance_mm, 0.0)
-        # Sums go on where the call before left them: not even rounding depends on how the points are divided.
+        # Continue the sums of the call before, so that the result does not depend on the blocks, not even by rounding.
         u = along_coarse(points_mm, coarse, extra_mm, self._u, _LEAST_STEP * self._tolerance_mm)
         span_mm = np.full(len(points_mm), LARGEST_SPAN_MM)
         span_mm[coarse] = span_lengths_mm(turn_rad, self._tolerance_mm)

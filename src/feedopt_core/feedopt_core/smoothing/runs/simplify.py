@@ -1,4 +1,4 @@
-"""Polylines with as few vertices as a tolerance allows, point stream in, vertices out.
+"""Simplifies polylines to as few vertices as a tolerance allows: a stream of points in, vertices out.
 
 Chords that are short against the tolerance carry no shape, only the rounding of the program; what is left behind this
 stage is the same for a run programmed in chords of 0.1, 0.01 or 0.001 mm.
@@ -20,7 +20,7 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 _MOST_POINTS = 1024
 """Points that one chord may replace."""
 _REPEATED_SHARE = 1e-3
-"""Points closer than this part of the tolerance are one point."""
+"""Points closer than this share of the tolerance become one point."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Vertices:
         return Vertices(self.points_mm[which], self.lines[which], self.feed_mm_s[which])
 
     def joined(self, behind: Vertices) -> Vertices:
-        """These vertices and those behind them."""
+        """These vertices followed by others."""
         return Vertices(
             np.concatenate([self.points_mm, behind.points_mm]),
             np.concatenate([self.lines, behind.lines]),
@@ -51,7 +51,7 @@ class Vertices:
 
 
 class PolylineSimplifier:
-    """Simplifies a polyline as it arrives; what comes out does not depend on how the points are divided into blocks.
+    """Simplifies a polyline as it arrives. The result does not depend on how the points are divided into blocks.
 
     The simplified polyline starts and ends exactly where the programmed one does, has a vertex at every change of
     feed, and the two are nowhere further apart than the tolerance, seen from either of them.
@@ -69,10 +69,10 @@ class PolylineSimplifier:
         self._last_mm: FloatArray | None = None
 
     def add(self, points_mm: FloatArray, lines: IntArray, feed_mm_s: FloatArray) -> Vertices:
-        """Take in the next points (shape (n, d)), each with line and feed of the move that ends there.
+        """Add the next points, shape (n, d), with line and feed of the move that ends at each.
 
         Returns:
-            The vertices that are final now, without those given before.
+            Newly final vertices.
         """
         if not len(points_mm):
             return self._vertices(np.empty(0, dtype=np.int64))
@@ -90,7 +90,7 @@ class PolylineSimplifier:
         return self._take(final=False)
 
     def finish(self) -> Vertices:
-        """The vertices that are left, the last point included."""
+        """Remaining vertices, including the last point."""
         if self._last_mm is None:
             return self._vertices(np.empty(0, dtype=np.int64))
         self._points[-1] = self._last_mm
@@ -113,7 +113,7 @@ class PolylineSimplifier:
 
 @compiled
 def distinct_points(points_mm: FloatArray, least_mm: float) -> IntArray:
-    """Indices of the points that are at least so far from the one kept before; the first one is kept."""
+    """Indices of points at least a distance from the last point kept. The first point is kept."""
     count, dimensions = points_mm.shape
     kept = np.empty(count, dtype=np.int64)
     kept[0] = 0
@@ -130,7 +130,7 @@ def distinct_points(points_mm: FloatArray, least_mm: float) -> IntArray:
 
 @compiled
 def _replaceable(points_mm: FloatArray, first: int, last: int, tolerance_mm: float) -> bool:
-    """Whether the points between two are that close to their chord, in order along it but for the tolerance."""
+    """True if the points between two others are close to their chord, and in order along it up to the tolerance."""
     dimensions = points_mm.shape[1]
     square = 0.0
     for c in range(dimensions):
@@ -160,14 +160,14 @@ def _replaceable(points_mm: FloatArray, first: int, last: int, tolerance_mm: flo
 def kept_vertices(
     points_mm: FloatArray, forced: BoolArray, tolerance_mm: float, most_points: int, final: bool
 ) -> IntArray:
-    """Indices of the vertices to keep, from 0 as far as the points allow a decision.
+    """Indices of the vertices to keep, from 0 to the last one that can be decided.
 
     Args:
         points_mm: shape (n, d).
         forced: points that must stay, shape (n,).
         tolerance_mm: largest distance of a point that is left out.
         most_points: points that one chord may replace.
-        final: no more points follow; else every decision waits for all the points it could depend on.
+        final: no more points follow. Otherwise a decision waits for all points that could change it.
     """
     count = len(points_mm)
     kept = np.empty(count, dtype=np.int64)

@@ -1,6 +1,6 @@
-"""Runs of short straight moves replaced by the smoothest curve that stays within the tolerance of them.
+"""Replaces runs of short straight moves by the smoothest curve within the tolerance.
 
-A run passes three stages. The polyline is freed of vertices that only carry rounding (run_simplify). Knots are set by
+A run passes three stages. The polyline loses the vertices that only carry rounding (simplify). Knots are set by
 how sharply what is left turns (run_knots), and the quintic spline of least integral |r'''|^2 in the tube around it is
 found (run_tube), window by window (run_window): the first part of a window is final, the rest is looked ahead over; the
 next window continues the curve with the same position and four derivatives. docs/decisions/ compares the design with
@@ -48,7 +48,7 @@ class RunPiece:
 
 
 class RunSmoother:
-    """Smooths one run, block of points by block; how the points are divided into blocks does not change the result.
+    """Smooths one run in blocks of points. The result does not depend on how the points are divided into blocks.
 
     The curve starts at the first point and ends at the last one; its pieces join with four equal derivatives, so
     curvature and its change are continuous.
@@ -67,7 +67,7 @@ class RunSmoother:
         self._ends: WindowEnds | None = None
 
     def add(self, points_mm: FloatArray, lines: IntArray, feed_mm_s: FloatArray) -> list[RunPiece]:
-        """Take in the next points; the very first one is the start of the run.
+        """Add the next points; the first one is the start of the run.
 
         Args:
             points_mm: shape (n, d).
@@ -87,7 +87,7 @@ class RunSmoother:
         return self._smooth_windows()
 
     def finish(self, end_direction: FloatArray | None = None) -> list[RunPiece]:
-        """The pieces that are left; none where all points of the run are one.
+        """Remaining pieces; none if all points of the run coincide.
 
         Args:
             end_direction: unit tangent to end with at zero curvature; None leaves both free.
@@ -118,7 +118,7 @@ class RunSmoother:
         self._settled = measured if self._settled is None else self._settled.joined(measured)
 
     def _rest(self) -> tuple[RunPolyline, WindowEnds]:
-        """What is settled and not yet smoothed, and how it starts."""
+        """The vertices that are final but not yet smoothed, and the state at their start."""
         polyline = self._settled
         assert polyline is not None, "vertices were settled"
         if self._ends is not None:
@@ -130,7 +130,7 @@ class RunSmoother:
         return polyline, WindowEnds(0.0, start, np.inf, np.zeros((0, polyline.points_mm.shape[1])))
 
     def _smooth_windows(self) -> list[RunPiece]:
-        """Smooth as many windows as what is settled fills, and keep what the next one needs."""
+        """Smooth as many windows as the final vertices fill, and keep the data of the next one."""
         pieces = list[RunPiece]()
         while self._settled is not None:
             polyline, ends = self._rest()
@@ -151,7 +151,7 @@ class RunSmoother:
         return pieces
 
     def _pieces(self, polyline: RunPolyline, fit: WindowFit, stop: int) -> list[RunPiece]:
-        """The curve up to a joint, cut at changes of feed and to a handy size."""
+        """The curve up to a joint, cut at changes of feed and into pieces of limited size."""
         joints = fit.curve.joints[: stop + 1]
         changes = polyline.u[1:][polyline.feed_mm_s[1:] != polyline.feed_mm_s[:-1]]
         cuts = np.append(_snapped(changes, joints), joints[:: min(_PIECE_SPANS, stop)])
@@ -179,7 +179,7 @@ class RunSmoother:
 
 
 def _snapped(cuts: FloatArray, joints: FloatArray) -> FloatArray:
-    """Cuts, those next to a joint moved onto it: no span is much shorter than its neighbour."""
+    """Cuts. A cut next to a joint is moved onto it, so that no span is much shorter than its neighbour."""
     nearest = np.clip(np.searchsorted(joints, cuts), 1, len(joints) - 1)
     low, high = joints[nearest - 1], joints[nearest]
     room = _SNAP_SHARE * (high - low)

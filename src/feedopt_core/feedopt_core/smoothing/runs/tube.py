@@ -96,7 +96,7 @@ def roughness(knots: FloatArray) -> FloatArray:
 
 @compiled
 def _solve_banded(bands: FloatArray, right: FloatArray, low: int, high: int) -> bool:
-    """Solve in place by Cholesky for the unknowns low to high; bands as of ``roughness``; False where not positive."""
+    """Solve in place by Cholesky for the unknowns low to high; bands as in ``roughness``. False if not positive."""
     for i in range(low, high):
         for k in range(min(_ORDER, high - i)):
             value = bands[i, k]
@@ -177,7 +177,7 @@ def _residuals(
 
 @compiled
 def site_weights(knots: FloatArray, u: FloatArray, follow_spans: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Weights to start from, and the least and largest sensible ones, shape (m,) each.
+    """Initial weights, and their lower and upper bounds, shape (m,) each.
 
     A penalised spline follows what is longer than about 6 l where the weight a unit of length is l^-6; the weights to
     start from have l at that many spans.
@@ -211,7 +211,7 @@ def fit_in_tube(
         knots: clamped, shape (n + 6,).
         sites: parameters (not decreasing, shape (m,)), points (shape (m, d), mm) and tolerances (shape (m,), mm).
         control: control points, shape (n, d); the free ones are overwritten.
-        free: first free control point, first one behind them.
+        free: first free control point, and the first one after them.
         weights: of the sites, to start from; overwritten by those to go on from, shape (m,).
         steps: solves, at least one.
     """

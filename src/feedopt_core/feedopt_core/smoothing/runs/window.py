@@ -1,4 +1,4 @@
-"""One window of a run: knots, sites and the smoothest curve, made finer until the tube holds everywhere."""
+"""One window of a run: knots, sites and the smoothest curve, refined until the curve stays in the tube."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _LEAST_SPANS = 4
 
 @dataclass(frozen=True)
 class WindowEnds:
-    """What is fixed at the ends of a window.
+    """Fixed values at the ends of a window.
 
     Attributes:
         start_u: parameter the window starts at, on the first chord.
         start: Taylor coefficients of the curve there, as many as are fixed: shape (1 to 5, d).
-        start_span_mm: the first span is not much longer than this.
+        start_span_mm: length scale of the first span, which is not much longer.
         end: the same at the last vertex, shape (0 to 3, d).
     """
 
@@ -59,11 +59,11 @@ class WindowFit:
 
 
 def fit_window(polyline: RunPolyline, ends: WindowEnds, tolerance_mm: float) -> WindowFit:
-    """Smoothest curve within the tolerance of the polyline's programmed places.
+    """Smoothest curve within the tolerance of the programmed polyline.
 
     Args:
         polyline: at least two vertices; the first chord holds the start.
-        ends: what is fixed.
+        ends: fixed values.
         tolerance_mm: largest distance.
 
     Raises:
@@ -89,7 +89,7 @@ def fit_window(polyline: RunPolyline, ends: WindowEnds, tolerance_mm: float) -> 
 
 
 class _Window:
-    """A window on one set of knots."""
+    """The problem of one window with one set of knots."""
 
     def __init__(self, polyline: RunPolyline, ends: WindowEnds, tolerance_mm: float, follow_spans: float) -> None:
         self._polyline, self._tolerance_mm = polyline, tolerance_mm
@@ -124,14 +124,14 @@ class _Window:
         return bool(np.all(self.bounds_mm <= self._tolerance_mm))
 
     def tighten(self) -> None:
-        """Narrow the tube at the sites beside which the curve leaves the tolerance."""
+        """Narrow the tube at the sites next to places where the curve leaves the tolerance."""
         excess = self.bounds_mm / self._tolerance_mm
         factor = np.where(excess > 1.0, np.clip(_AIM / excess, _NARROWEST, 1.0), 1.0)
         self._tube_mm[:-1] *= factor
         self._tube_mm[1:] *= factor
 
     def refined(self) -> RunPolyline:
-        """The polyline with vertices for closer knots where the curve leaves the tolerance."""
+        """The polyline with more vertices, for closer knots, where the curve leaves the tolerance."""
         outside = np.flatnonzero(self.bounds_mm > self._tolerance_mm)
         at = np.unique(np.concatenate([outside, outside + 1]))
         line = self._polyline
@@ -149,7 +149,7 @@ class _Window:
         order = np.lexsort((np.arange(len(both.u)), both.u))
         every = both.part(order)
         same = np.append(False, np.diff(every.u) <= 0.0)
-        # A vertex that is a site already takes the closer spacing.
+        # An existing vertex gets the closer spacing.
         owner = np.cumsum(~same) - 1
         merged = every.part(~same)
         span_mm = np.full(len(merged.u), np.inf)
@@ -163,7 +163,7 @@ class _Window:
 
 
 def _first_control(polyline: RunPolyline, knots: FloatArray, ends: WindowEnds) -> tuple[FloatArray, tuple[int, int]]:
-    """Control points on the polyline, those at the ends as they are fixed, and which are free."""
+    """Control points on the polyline, with the fixed ones at the ends, and the range of the free ones."""
     count = len(knots) - DEGREE - 1
     window = np.lib.stride_tricks.sliding_window_view(knots[1:-1], DEGREE)
     greville = np.mean(window, axis=1)
