@@ -188,7 +188,7 @@ class ToolpathNode(GraphNode[ToolpathNodeParameters]):
             program, source = open_program(Path(request.path)), request.path
         else:
             program, source = Program.from_text(request.text, request.name), "program text"
-        transitions = LayerTransitions.wished(request.transition_reach_mm, request.transition_side)
+        transitions = LayerTransitions.requested(request.transition_reach_mm, request.transition_side)
         return read_program(program, request.name or source, self._dimensions, tolerance_mm, transitions)
 
     def _streamed_lines(self, run: RunningProgram) -> Iterator[str | None]:

@@ -30,7 +30,7 @@ _CHECKS = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
 
 
 class StandstillError(ToolpathError):
-    """A curve that stands still or turns round on the spot, where no arc length can parametrise it smoothly.
+    """A curve with a point of zero speed or a cusp, where arc length cannot parametrise it smoothly.
 
     Args:
         parameter: where on the curve.
@@ -102,8 +102,8 @@ def map_arc_length(evaluate: Evaluator, joints_u: FloatArray, tolerance_mm: floa
         tolerance_mm: bound on the arc-length error of the map.
 
     Raises:
-        StandstillError: the curve stands still, turns round on the spot or is not finite somewhere.
-        ToolpathError: it needs more pieces than any sane curve.
+        StandstillError: the curve has zero speed, a cusp or a value that is not finite somewhere.
+        ToolpathError: it needs more pieces than the bound allows.
     """
     edges = np.asarray(joints_u, dtype=float)
     speeds = np.linalg.norm(evaluate(edges)[1], axis=1)
@@ -131,7 +131,7 @@ def map_arc_length(evaluate: Evaluator, joints_u: FloatArray, tolerance_mm: floa
 
 
 def _refuse_cusps(evaluate: Evaluator, start_u: FloatArray, end_u: FloatArray, lengths: FloatArray) -> None:
-    """Quadrature alone steps over a cusp: the length of a curve that turns round on the spot is finite."""
+    """Refuse cusps: quadrature alone does not notice them, because the length is finite."""
     first, last = (evaluate(u)[1] for u in (start_u, end_u - 1e-12 * (end_u - start_u)))
     first /= np.linalg.norm(first, axis=1)[:, None]
     last /= np.linalg.norm(last, axis=1)[:, None]

@@ -38,7 +38,7 @@ class PackedSegment:
 
 
 class Queue:
-    """Values appended behind and dropped in front, contiguous at any time; memory follows what is held.
+    """Values appended at the end and dropped at the front, always contiguous; memory follows the number held.
 
     Args:
         dtype: of the values.

@@ -86,7 +86,7 @@ def path_points(
         curve: spans of all curves.
         curve_first: place of the first of them.
         s: arc lengths, shape (n,); fastest where they increase.
-        r: shape (n, dimensions), filled with the position; where it has no row, the position is not computed.
+        r: shape (n, dimensions), filled with the position; without rows, the position is not computed.
         derivatives: shape (3, n, dimensions), filled with dr/ds, d2r/ds2 and d3r/ds3.
     """
     homogeneous, parameter = np.empty((4, derivatives.shape[2] + 1)), np.empty(len(s))
@@ -167,7 +167,7 @@ def bend_lengths(derivatives: FloatArray) -> FloatArray:
 
 @compiled
 def _piece(starts: FloatArray, s: float, guess: int) -> int:
-    """Piece that holds an arc length, the later one at a joint; the one behind the guess is right most often."""
+    """Piece that holds an arc length, the later one at a joint. Starts at a guess, which is right most often."""
     last = len(starts) - 1
     for at in range(guess, min(guess + 2, last + 1)):
         if starts[at] <= s and (at == last or s < starts[at + 1]):

@@ -1,4 +1,4 @@
-"""How densely a piece of path must be looked at so that no bend is stepped over."""
+"""Sampling of path pieces, dense enough that no bend is missed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Samples:
 
 
 def samples_between(toolpath: Toolpath, edges_mm: FloatArray, least: int) -> Samples:
-    """Points between edges: at least so many a piece, more where the path bends over less than 20 times their distance.
+    """Points between edges: at least ``least`` per piece, more where the bend length is below 20 times their distance.
 
     Args:
         toolpath: holds the edges.

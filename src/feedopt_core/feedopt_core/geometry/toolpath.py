@@ -1,4 +1,4 @@
-"""The toolpath as it is known so far: segments in order, evaluated at any arc length that is held."""
+"""The toolpath received so far: segments in order, evaluated at any arc length that is held."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _EXTENT = record(start_mm="f8", end_mm="f8", feed_limit_mm_s="f8", exact_stop="?
 
 
 class Toolpath:
-    """Segments of one program, appended as they arrive and dropped when they are behind.
+    """Segments of one program, appended as they arrive and dropped after use.
 
     Arc lengths are counted from the start of the program throughout.
     """
@@ -135,7 +135,7 @@ class Toolpath:
         """The path, where it holds all of these arc lengths."""
         slack = 1e-9 * max(1.0, self.end_mm)
         low, high = float(np.min(s_mm, initial=np.inf)), float(np.max(s_mm, initial=-np.inf))
-        # Written so that a NaN is refused.
+        # This form refuses a NaN as well.
         inside = low >= self.start_mm - slack and high <= self.end_mm + slack
         if self._packed is None or not (inside or not len(s_mm)):
             raise ToolpathError(

@@ -1,4 +1,4 @@
-"""Contours out of loose pieces: joined where their ends meet, run through by nearest end."""
+"""Builds contours from loose pieces: joins pieces whose ends meet, and orders the contours by nearest end."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def reversed_contour(contour: Contour) -> Contour:
 def join_contours(pieces: Sequence[Contour], tolerance_mm: float) -> list[Contour]:
     """Join pieces whose ends lie within a tolerance; the ends are moved onto each other.
 
-    Where more than two meet, the one that comes first is taken. Closed pieces stay as they are. The tolerance is
+    Of several ends that meet, the first one is taken. Closed pieces stay as they are. The tolerance is
     lowered to a quarter of the shortest piece, but not below 1e-6 mm; straight pieces below that are left out.
 
     Args:
@@ -73,7 +73,7 @@ def join_contours(pieces: Sequence[Contour], tolerance_mm: float) -> list[Contou
             at_node[int(end)].append(index)
     used = [False] * len(pieces)
     joined = []
-    # Open chains first, from their loose ends: a walk that starts inside one would cut it in two.
+    # Open chains first, from their loose ends: starting inside a chain would cut it in two.
     loose = [index for index, ends in enumerate(nodes) if any(len(at_node[int(node)]) % 2 for node in ends)]
     for index in [*loose, *range(len(pieces))]:
         if used[index]:
@@ -92,9 +92,9 @@ def join_contours(pieces: Sequence[Contour], tolerance_mm: float) -> list[Contou
 
 
 def concatenated(chain: Sequence[Contour], tolerance_mm: float) -> Contour:
-    """One contour of several in a row; each is moved to start exactly where the one before ends.
+    """Joins contours in a row into one; each is moved to start exactly where the one before ends.
 
-    The last one is moved to close the loop where its end lies within the tolerance of the start.
+    The last one is moved to close the loop if its end lies within the tolerance of the start.
     """
     moves = list(chain[0].moves)
     for piece in chain[1:]:
@@ -106,7 +106,7 @@ def concatenated(chain: Sequence[Contour], tolerance_mm: float) -> Contour:
 
 
 def order_by_nearest_end(contours: Iterable[Contour], from_mm: FloatArray) -> Iterator[Contour]:
-    """Contours one after the other, always the one whose nearer end is nearest to where the last one ended.
+    """Orders contours: next comes always the one with the end nearest to the end of the last one.
 
     Open ones are run backwards where their end is nearer; of equally near ones the first is taken.
     """
@@ -124,7 +124,7 @@ def order_by_nearest_end(contours: Iterable[Contour], from_mm: FloatArray) -> It
 
 
 def _is_dot(piece: Contour) -> bool:
-    """Nothing but straight moves that stay where they start."""
+    """True if the contour has no length: all its moves are straight and end at its start."""
     return all(
         isinstance(move, LineMoves) and bool(np.all(np.abs(move.points_mm - move.start_mm) <= _LEAST_TOLERANCE_MM))
         for move in piece.moves
@@ -161,7 +161,7 @@ def _reversed_move(move: CurveMove) -> CurveMove:
 
 
 def _moved(move: CurveMove, start_mm: FloatArray | None, end_mm: FloatArray | None) -> CurveMove:
-    """The move with an end put elsewhere, a hair away."""
+    """The move with an end shifted by a small distance."""
     old_start_mm, old_end_mm = move_ends(move)
     start_mm = old_start_mm if start_mm is None else start_mm
     end_mm = old_end_mm if end_mm is None else end_mm

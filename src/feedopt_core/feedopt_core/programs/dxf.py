@@ -46,13 +46,14 @@ def read_dxf(program: str | Path, source: str, feed_mm_s: float = math.inf) -> I
     """Moves of a drawing: its contours layer by layer, within a layer by nearest end, rapids between them.
 
     Entities are joined where their ends meet. The unit is the drawing's $INSUNITS; a drawing without one is in mm.
-    Layers come in the order of the layer table; what is on layers that are off or frozen, or invisible, is left out.
+    Layers come in the order of the layer table. Entities that are invisible, or on layers that are off or frozen, are
+    left out.
     The line of a move is the number of its entity within the model space, from 1.
 
     Args:
         program: text of the drawing, or its file.
         source: its name, for errors.
-        feed_mm_s: feed of all moves, above zero; a drawing has none. Infinity: the machine's limits alone.
+        feed_mm_s: feed of all moves, above zero, since a drawing has no feed. Infinity: only the machine's limits hold.
 
     Raises:
         ToolpathError: the drawing cannot be read, is empty, or holds an entity that is not supported or has no size;
@@ -135,7 +136,7 @@ def _line_of(move: CurveMove) -> int:
 
 
 def _straight(points_mm: FloatArray, number: int, feed_mm_s: float) -> list[CurveMove]:
-    """Straight moves through points, shape (n, 3); points that repeat the one before make none."""
+    """Straight moves through points, shape (n, 3); repeated points are left out."""
     steps = np.linalg.norm(np.diff(points_mm, axis=0), axis=1)
     points_mm = points_mm[np.append(True, ~(steps <= _LEAST_SIZE_MM))]
     count = len(points_mm) - 1

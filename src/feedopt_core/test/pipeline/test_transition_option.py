@@ -50,8 +50,8 @@ def farthest_mm(segments: list[Segment]) -> tuple[float, float]:
     [("", TransitionSide.OUTSIDE), ("outside", TransitionSide.OUTSIDE), ("inside", TransitionSide.INSIDE)],
 )
 def test_words_of_a_goal(words: str, side: TransitionSide) -> None:
-    assert LayerTransitions.wished(4.0, words) == LayerTransitions(4.0, side)
-    assert LayerTransitions.wished(0.0, words) is None
+    assert LayerTransitions.requested(4.0, words) == LayerTransitions(4.0, side)
+    assert LayerTransitions.requested(0.0, words) is None
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_words_of_a_goal(words: str, side: TransitionSide) -> None:
 )
 def test_what_no_transition_can_be_is_refused(reach_mm: float, side: str, message: str) -> None:
     with pytest.raises(ToolpathError, match=message):
-        LayerTransitions.wished(reach_mm, side)
+        LayerTransitions.requested(reach_mm, side)
 
 
 def test_without_the_option_the_machine_stops_between_layers() -> None:

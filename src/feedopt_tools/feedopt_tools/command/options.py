@@ -47,7 +47,7 @@ def tolerance_option(function: F) -> F:
 
 
 def transition_options(function: F) -> F:
-    """``--transition-reach-mm`` and ``--transition-side``: see :meth:`LayerTransitions.wished`."""
+    """``--transition-reach-mm`` and ``--transition-side``: see :meth:`LayerTransitions.requested`."""
     side = click.option(
         "--transition-side",
         type=click.Choice([side.value for side in TransitionSide]),

@@ -34,7 +34,7 @@ class ProgramRequest:
     """One program to execute: a file, or its text with a name; tolerance 0: as in config/nodes/toolpath.yaml.
 
     ``streamed``: the toolpath node gets the lines of the file one after the other instead of its path.
-    ``transition_reach_mm``, ``transition_side``: see ``LayerTransitions.wished`` in
+    ``transition_reach_mm``, ``transition_side``: see ``LayerTransitions.requested`` in
     :mod:`feedopt_core.programs.layers.transitions`.
     """
 

@@ -59,7 +59,7 @@ def run_toolpath(recorded: RecordedProgram, outputs: Outputs) -> None:
     program = recorded.program()
     tolerance_mm = program.tolerance_mm or recorded.number("toolpath", "tolerance_mm")
     display = DisplayPath(recorded.number("toolpath", "display_spacing_mm"))
-    transitions = LayerTransitions.wished(program.transition_reach_mm, program.transition_side)
+    transitions = LayerTransitions.requested(program.transition_reach_mm, program.transition_side)
     dimensions = recorded.machine().dimensions
     for segment in read_program(_opened(program), program.name, dimensions, tolerance_mm, transitions):
         outputs["/toolpath"].add(segment_to_message(segment, recorded.program_id))

@@ -2,7 +2,7 @@
 
 Tolerances are LinuxCNC's (``interp_internal.hh``): the radii at both ends may differ a little, because programs are
 printed with few digits. A circle has one radius, so the centre is moved along the chord until both are the same; where
-that would move the path (almost a full circle), the arc becomes the spiral that LinuxCNC would run, as a NURBS.
+that would shift the path (almost a full circle), the arc becomes the spiral of LinuxCNC, as a NURBS.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class _Circle:
 
 
 def read_arc(words: Words, state: ModalState, end_mm: FloatArray, clockwise: bool) -> tuple[ArcMove | NurbsMove, float]:
-    """Arc from where the machine stands to its end, and its length in mm; its feed is the one in force.
+    """Arc from the current position to its end, at the modal feed, and its length in mm.
 
     Raises:
         ToolpathError: no or contradicting centre and radius, or an end that is not on the circle.
@@ -150,7 +150,7 @@ def _check_radii(words: Words, circle: _Circle, state: ModalState) -> float:
 
 
 def _on_bisector(circle: _Circle) -> FloatArray:
-    """Centre, moved along the chord until start and end are as far from it as each other."""
+    """Centre, moved along the chord until start and end have the same distance from it."""
     along = circle.chord / math.hypot(*circle.chord)
     height = circle.centre - along * float(circle.centre @ along)
     centre: FloatArray = 0.5 * circle.chord + height

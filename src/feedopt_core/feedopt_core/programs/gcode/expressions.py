@@ -40,7 +40,7 @@ class ValueReader:
     """Reads values from a line, from left to right.
 
     Attributes:
-        at: index in the compact text of what is read next.
+        at: index in the compact text of the next character.
     """
 
     def __init__(self, line: SourceLine, parameters: Parameters) -> None:
@@ -78,7 +78,7 @@ class ValueReader:
         return value
 
     def parameter_key(self) -> int | str:
-        """What stands behind a #: number or name of a parameter."""
+        """Number or name of the parameter after a #."""
         name = _NAME.match(self._text, self.at)
         if name:
             self.at = name.end()

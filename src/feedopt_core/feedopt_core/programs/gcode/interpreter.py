@@ -1,4 +1,4 @@
-"""What one line does, in the order in which LinuxCNC executes the words of a line."""
+"""Executes the words of a line, in the order of LinuxCNC."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Interpreter:
 
     @property
     def plain(self) -> bool:
-        """Lines of G0, G1 and coordinates alone mean what they say."""
+        """Lines with only G0, G1 and coordinates can be read by the scanner of plain lines."""
         return self.state.absolute and not self.state.inverse_time and self._block is None
 
     def execute(self, words: Words) -> None:
@@ -94,7 +94,7 @@ class Interpreter:
         if "unit" in g_codes:
             state.unit_mm = MM_PER_INCH if g_codes["unit"] is GCode.G20 else 1.0
         if g_codes.get("tool length") is GCode.G43:
-            # The table of tool lengths is the machine's: the event says where it would take effect.
+            # Tool lengths are not known here: the event records where G43 takes effect.
             offset = words.take_word("h")
             self._event("G43" if offset is None else f"G43 {offset.text}", words)
         if "distance" in g_codes:
@@ -224,7 +224,7 @@ class Interpreter:
             raise words.error("a feed motion without a feed; set one with F")
 
     def _feed(self, length_mm: float, feed: float | None) -> float:
-        """Feed of a motion: as it stands, or so that the motion takes 1/F minutes."""
+        """Feed of a motion: the modal feed, or with G93 the feed at which the motion takes 1/F minutes."""
         if self.state.inverse_time and feed is not None:
             return length_mm * feed / 60.0
         return self.state.feed_mm_s

@@ -1,4 +1,4 @@
-"""What stays in force from line to line."""
+"""The modal state of a program."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class ModalState:
     """State of the interpreter, as it is at the start of a program.
 
     Attributes:
-        position_mm: where the machine stands, machine coordinates, shape (3,).
+        position_mm: current position in machine coordinates, shape (3,).
         offset_mm: added to programmed coordinates (G92), shape (3,).
         stored_offset_mm: what G92.3 brings back, shape (3,).
         motion: G code of the motion; None after G80.
@@ -38,9 +38,9 @@ class ModalState:
         absolute: G90, else G91.
         absolute_centres: G90.1, else G91.1.
         inverse_time: G93, else G94.
-        feed_mm_s: feed, nan where none is set.
+        feed_mm_s: feed, NaN before the first F.
         mode: path mode.
-        spline_lead_mm: direction a G5 without I and J leaves in: where the one before arrived, shape (2,).
+        spline_lead_mm: start direction of a G5 without I and J: the end direction of the G5 before it, shape (2,).
         parameters: numbered and named parameters.
     """
 

@@ -1,4 +1,4 @@
-"""Moves of a program on their way out; straight ones are gathered into blocks."""
+"""Buffers the moves of a program; straight moves are gathered into blocks."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ class MoveBuffer:
     """Gathers straight moves of one kind into one block, keeps the order with everything else.
 
     Attributes:
-        points_mm, lines, feeds_mm_s: straight moves that wait; the first ``count`` rows hold.
-        count: how many wait.
-        rapid: what they are.
+        points_mm, lines, feeds_mm_s: buffered straight moves: the first ``count`` rows.
+        count: number of buffered moves.
+        rapid: the buffered moves are rapids.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -30,7 +30,7 @@ class MoveBuffer:
         self._ready: list[Move] = []
 
     def begin(self, start_mm: FloatArray, mode: PathMode) -> None:
-        """Say where and how the straight moves that are added next begin; those in another mode go out."""
+        """Set start and mode of the next straight moves; buffered moves in another mode are flushed."""
         if self.count and mode != self._mode:
             self.flush()
         if not self.count:
@@ -55,7 +55,7 @@ class MoveBuffer:
         self._ready.append(move)
 
     def flush(self) -> None:
-        """Make one block of the straight moves that wait."""
+        """Turn the buffered straight moves into one block."""
         if self.count:
             self._ready.append(
                 LineMoves(

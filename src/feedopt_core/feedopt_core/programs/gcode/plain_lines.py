@@ -1,6 +1,6 @@
-"""The fast way through the lines that make up most of a program: G0 and G1 with plain numbers, or no G at all.
+"""Fast scanner for the lines that make up most of a program: G0 and G1 with plain numbers, or no G word.
 
-It reads nothing that the general way would read otherwise, and leaves everything else to it.
+It gives the same result as the general reader, and leaves all other lines to it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from feedopt_core.compiled import compiled
 
 END, OTHER_LINE, OTHER_MOTION = 0, 1, 2
 MAX_COORDINATE_MM = 1e6
-"""No machine is a kilometre long; a coordinate beyond is a broken number."""
+"""Larger coordinates are refused as errors: no machine is a kilometre long."""
 
 _MOST_DIGITS = 15
 """Fewer digits than a float64 holds exactly: their quotient by a power of ten is the nearest float64, as of float()."""
@@ -28,7 +28,7 @@ _g, _x, _y, _z, _f, _n = 103, 120, 121, 122, 102, 110
 
 @compiled
 def _read_number(codes: NDArray[np.uint8], at: int) -> tuple[int, float]:
-    """Index behind a plain number and its value; index -1 where there is none."""
+    """Index after a plain number, and its value; index -1 if there is none."""
     negative = codes[at] == _MINUS
     if negative or codes[at] == _PLUS:
         at += 1
@@ -74,7 +74,7 @@ def _word_slot(code: int) -> int:
 
 @compiled
 def _read_line(codes: NDArray[np.uint8], at: int, values: FloatArray) -> int:
-    """Index behind a plain line, its words into their slots; -1 where the line is not plain."""
+    """Index after a plain line, with its words in their slots; -1 if the line is not plain."""
     values[:] = math.nan
     first = True
     while True:

@@ -1,4 +1,4 @@
-"""G-code as a stream: blocks of lines, the plain ones by a compiled scanner, all others word by word."""
+"""Reads G-code as a stream of lines: plain lines by a compiled scanner, all others word by word."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _PLAIN_MOTIONS = (GCode.G0, GCode.G1)
 
 
 def read_gcode(lines: Iterable[str | None], source: str) -> Iterator[Move]:
-    """Moves of a G-code program, as soon as a block of lines is read. The machine starts at the origin.
+    """Moves of a G-code program, block by block of lines. The machine starts at the origin.
 
     Args:
         lines: of the program, with or without newlines; None where the next line is not there yet: what has been read
@@ -32,7 +32,7 @@ def read_gcode(lines: Iterable[str | None], source: str) -> Iterator[Move]:
         source: name of the program, for errors.
 
     Raises:
-        ToolpathError: with line and column, for anything that is not supported or makes no sense.
+        ToolpathError: with line and column, for anything unsupported or contradictory.
     """
     reader = _Reader(source)
     for block in _blocks(lines):
@@ -66,7 +66,7 @@ class _Reader:
 
     @property
     def ended(self) -> bool:
-        """The program has ended; what follows is not read."""
+        """The program has ended; further lines are not read."""
         return self._interpreter.ended
 
     def read(self, block: list[str]) -> Iterator[Move]:
@@ -74,7 +74,7 @@ class _Reader:
         texts = [line.rstrip("\r\n") for line in block]
         text = "\n".join(texts) + "\n"
         codes = np.frombuffer(text.encode("ascii", "replace"), dtype=np.uint8)
-        # A line that holds line ends of its own would overrun the buffer of the scanner.
+        # A line with embedded line ends would overrun the buffer of the scanner.
         plain = text.count("\n") == len(texts)
         at = 0
         while at < len(text) and not self.ended:
@@ -90,12 +90,12 @@ class _Reader:
         yield from self._buffer.take()
 
     def finish(self) -> None:
-        """The lines have come to their end. Raises ToolpathError inside of a NURBS block."""
+        """End of the lines. Raises ToolpathError inside a NURBS block."""
         if self._interpreter.unfinished():
             raise SourceLine("", self._line, self._source).error("the program ends between G5.2 and G5.3", 0)
 
     def _scan(self, codes: NDArray[np.uint8], at: int) -> tuple[int, int]:
-        """Read plain lines; why they ended, and where."""
+        """Read plain lines; returns why and where they ended."""
         state, buffer = self._state, self._buffer
         buffer.begin(state.position_mm, state.mode)
         began = at

@@ -1,4 +1,4 @@
-"""One line of a program: what stands in it without blanks and comments, and where."""
+"""One line of a program: its compact text without blanks and comments, and the column of each character."""
 
 from __future__ import annotations
 

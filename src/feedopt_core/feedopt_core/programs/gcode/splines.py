@@ -12,7 +12,7 @@ from feedopt_core.programs.moves import NurbsMove
 
 LEAST_ORDER, MOST_ORDER = 3, 10
 MAX_CONTROL_POINTS = 100_000
-"""A curve is held as a whole; longer ones come in parts."""
+"""Most control points of a block: a curve is held in memory as a whole."""
 
 
 def read_cubic(words: Words, state: ModalState, end_mm: FloatArray) -> NurbsMove:
@@ -51,7 +51,7 @@ def read_quadratic(words: Words, state: ModalState, end_mm: FloatArray) -> Nurbs
 
 
 class NurbsBlock:
-    """Control points between G5.2 and G5.3; the first is where the machine stands.
+    """Control points between G5.2 and G5.3; the first one is the current position.
 
     Raises:
         ToolpathError: another plane, or incremental distances.

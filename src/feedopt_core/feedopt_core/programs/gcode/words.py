@@ -17,7 +17,7 @@ _REFUSED = {
 
 @dataclass(frozen=True)
 class Word:
-    """A letter with its value, and where it stands in the compact text."""
+    """A letter with its value and its index in the compact text."""
 
     letter: str
     value: float
@@ -30,12 +30,12 @@ class Word:
 
 
 class Words:
-    """All words of a line; what is not taken by the end is refused.
+    """All words of a line; words that nothing has taken are refused at the end.
 
     Attributes:
         line: the line.
         codes: G and M words, in order.
-        index: where each letter but G and M stands.
+        index: of each letter except G and M.
     """
 
     def __init__(self, line: SourceLine, words: list[Word]) -> None:
@@ -45,11 +45,11 @@ class Words:
         self._taken = {"n"}
 
     def has(self, letters: str) -> bool:
-        """One of these letters stands in the line."""
+        """The line has one of these letters."""
         return any(letter in self._others for letter in letters)
 
     def take(self, letter: str) -> float | None:
-        """Value of a letter that is used now; None where the line does not have it."""
+        """Take the value of a letter; None if the line does not have it."""
         word = self._others.get(letter)
         if word is None:
             return None
@@ -62,7 +62,7 @@ class Words:
         return self._others.get(letter)
 
     def need(self, letter: str, code: str) -> float:
-        """Value of a letter that a code cannot do without.
+        """Take the value of a letter that a code requires.
 
         Raises:
             ToolpathError: the line does not have it.
@@ -90,7 +90,7 @@ class Words:
 
 
 def read_words(line: SourceLine, parameters: Parameters) -> Words:
-    """Words of a line; parameters that it sets are set behind its end, as RS-274 says.
+    """Words of a line. Parameters set in the line take effect after it, as RS-274 demands.
 
     Raises:
         ToolpathError: a letter that is not supported, a repeated letter, a value that is none.

@@ -64,7 +64,7 @@ class LayerTransitions:
             raise ToolpathError(f"the reach of layer transitions is {self.reach_mm:g} mm, must be above zero")
 
     @classmethod
-    def wished(cls, reach_mm: float, side: str) -> LayerTransitions | None:
+    def requested(cls, reach_mm: float, side: str) -> LayerTransitions | None:
         """Transitions by numbers and words of an option or a goal; None where the reach is 0.
 
         Args:

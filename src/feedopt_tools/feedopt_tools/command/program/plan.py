@@ -51,7 +51,7 @@ def command(
     if is_standard_output(setpoints) and is_standard_output(report):
         raise ConfigError("--setpoints and --report cannot both be standard output")
     parameters = planner_parameters(method)
-    transitions = LayerTransitions.wished(transition_reach_mm, transition_side)
+    transitions = LayerTransitions.requested(transition_reach_mm, transition_side)
     plan = plan_program(program, load_machine(machine), parameters, tolerance_mm, transitions)
     document = report_document(plan, parameters.method)
     if setpoints is not None:

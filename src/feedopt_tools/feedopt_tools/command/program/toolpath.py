@@ -52,7 +52,7 @@ def command(
 
     Fails where the smoothed path leaves the tolerance.
     """
-    transitions = LayerTransitions.wished(transition_reach_mm, transition_side)
+    transitions = LayerTransitions.requested(transition_reach_mm, transition_side)
     survey = survey_program(program, load_machine(machine).dimensions if machine else None, tolerance_mm, transitions)
     figures = survey_figures(survey)
     _show_figures(figures, to_stderr=is_standard_output(report))
