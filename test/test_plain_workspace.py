@@ -73,4 +73,4 @@ def test_program_is_planned_and_run_by_the_installed_nodes(workspace):
     assert "result       done" in said
     logs = sorted(path.stem for path in (workspace / "run").rglob("*.log"))
     assert {"interpolator", "planner", "recorder", "router_sim", "toolpath"} <= set(logs)
-    assert "whole" in sourced(workspace, f"{FEEDOPT} bag check run")
+    assert "complete" in sourced(workspace, f"{FEEDOPT} bag check run")

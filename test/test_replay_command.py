@@ -128,7 +128,7 @@ def test_bags_that_are_none(tmp_path: Path) -> None:
 
 def test_update_goes_alone() -> None:
     result = call(BAG, "--update", "--live")
-    assert result.exit_code == 2 and "--update goes with neither" in result.output
+    assert result.exit_code == 2 and "--update cannot be combined" in result.output
 
 
 def test_live_needs_the_parameters_of_then(monkeypatch: pytest.MonkeyPatch) -> None:

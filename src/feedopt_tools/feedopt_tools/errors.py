@@ -1,4 +1,4 @@
-"""What can go wrong in the command and its parts, below the roots of core and recorder."""
+"""Errors of the command and its parts; their base classes are those of core and recorder."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from feedopt_recorder.errors import BagError
 
 
 class NodeDiedError(FeedoptError):
-    """A node's process ended by itself.
+    """The process of a node ended unexpectedly.
 
     Args:
-        message: cause with the end of the log.
-        exit_code: its exit code; negative: the signal that killed it.
+        message: cause and the last lines of the log.
+        exit_code: exit code of the process; negative: the signal that ended it.
     """
 
     kind = FailureKind.NODE_DIED
@@ -22,7 +22,7 @@ class NodeDiedError(FeedoptError):
 
 
 class GraphNotReadyError(FeedoptError):
-    """Not every node said READY in time; the message names them."""
+    """Not every node was READY in time; the message names those that were not."""
 
 
 class GoalRefusedError(FeedoptError):
@@ -30,20 +30,20 @@ class GoalRefusedError(FeedoptError):
 
 
 class ReplayInputError(BagError):
-    """The bag lacks what a stage needs to run again; the message names it."""
+    """The bag does not contain an input of a stage that is to be replayed; the message names the input."""
 
 
 class GoldenBagError(BagError):
-    """A golden bag, or the manifest beside it, is not what it should be."""
+    """A golden bag or its manifest is missing, invalid or inconsistent."""
 
 
 class ExportError(FeedoptError):
-    """A motion that cannot be exported as asked; the message names what is missing and the way out."""
+    """A motion cannot be exported with the given options; the message names the cause and the remedy."""
 
 
 class ReportError(FeedoptError):
-    """A report that cannot be written; the message names the file and the cause."""
+    """A report cannot be written; the message names the file and the cause."""
 
 
 class ViewError(FeedoptError):
-    """A run that cannot be drawn, or a viewer that cannot be started; the message names the way out."""
+    """A run cannot be drawn, or a viewer cannot be started; the message names the remedy."""

@@ -44,7 +44,7 @@ def test_help_lists_every_command_and_imports_none() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert all(f"  {name} " in done.stdout for name in _COMMANDS)
-    assert "Exit codes: 0 done, 1 failed, 2" in done.stdout
+    assert "Exit codes: 0 success, 1 failure, 2" in done.stdout
 
 
 @pytest.mark.parametrize("name", sorted(_COMMANDS.keys() - {"bench"}))

@@ -1,4 +1,4 @@
-"""``feedopt bag``: what it says of whole, cut-off, foreign and empty bags, and its exit codes."""
+"""``feedopt bag``: its output for complete, cut-off, foreign and empty bags, and its exit codes."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ def test_folder_of_a_run_stands_for_its_bag(bag: Path) -> None:
     assert call("bag", "check", run).exit_code == 0
 
 
-def test_whole_bag_is_whole(bag: Path) -> None:
+def test_complete_bag_has_no_findings(bag: Path) -> None:
     result = call("bag", "check", bag)
-    assert (result.exit_code, result.output) == (0, f"{bag}: whole\n")
+    assert (result.exit_code, result.output) == (0, f"{bag}: complete\n")
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9, 0.999])
@@ -110,7 +110,7 @@ def test_recording_of_others_has_an_info_and_no_check(tmp_path: Path) -> None:
     writer.write([Received(1, 1, "/chatter", bytes([0, 1, 0, 0]) + bytes(8), 0)])
     writer.close()
     shown = call("bag", "info", tmp_path / "chat")
-    assert shown.exit_code == 0 and "/chatter" in shown.output and "left no summary" in shown.output
+    assert shown.exit_code == 0 and "/chatter" in shown.output and "no summary" in shown.output
     checked = call("bag", "check", tmp_path / "chat")
     assert checked.exit_code == 2 and "none of the topics of feedopt" in checked.output
 

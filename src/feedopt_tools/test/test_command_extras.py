@@ -99,5 +99,5 @@ def test_a_command_that_draws_names_what_is_missing(
     done = feedopt_without_viewers(*(places.get(argument, argument) for argument in arguments))
     assert done.returncode == 2, done.stdout + done.stderr
     assert f"feedopt: {module} is not installed" in done.stderr
-    assert "the extra view: call FEEDOPT_EXTRAS=view,test ./feedopt once" in done.stderr
+    assert "the extra view: run FEEDOPT_EXTRAS=view,test ./feedopt once" in done.stderr
     assert not (tmp_path / "out").exists()

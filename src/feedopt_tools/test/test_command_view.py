@@ -1,4 +1,4 @@
-"""``feedopt view`` and ``feedopt report`` on bags as they come: whole, cut off, empty, foreign, missing."""
+"""``feedopt view`` and ``feedopt report`` on bags as they come: complete, cut off, empty, foreign, missing."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_web_server_ends_with_the_command_however_that_is_ended(bag: Path) -> No
         [sys.executable, "-c", command, "view", str(bag), "--web"], stdout=subprocess.PIPE, text=True, env=environment
     )
     assert process.stdout is not None
-    assert "is served until Ctrl-C" in process.stdout.readline()
+    assert "is served at the address below; stop with Ctrl-C" in process.stdout.readline()
     port = int(process.stdout.readline().partition("?")[0].rpartition(":")[2])
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text(encoding="ascii").split()
     assert children and port
@@ -129,7 +129,7 @@ def test_what_is_no_bag_is_refused_by_name(command: str, tmp_path: Path) -> None
 
 def test_wishes_that_cannot_be_met_are_refused(bag: Path, tmp_path: Path) -> None:
     assert "3 bags were given" in refused("view", bag, bag, bag)
-    assert "--page is of one run" in refused("view", bag, bag, "--page", "motion")
+    assert "--page applies to one run" in refused("view", bag, bag, "--page", "motion")
     assert "holds no program 7" in refused("view", bag, "--program", 7)
     assert "no such recording" in refused("view", tmp_path / "none.rrd")
     assert "is a Rerun recording" in refused("view", tmp_path / "none.rrd", bag)

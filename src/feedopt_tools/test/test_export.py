@@ -253,7 +253,7 @@ def test_states_of_a_program_are_refused(tmp_path: Path) -> None:
     program = tmp_path / "part.csv"
     program.write_text("0,0\n10,0\n")
     result = CliRunner().invoke(main, ["export", str(program), "--format", "states"])
-    assert result.exit_code == 2 and "states are in the bag" in result.stderr
+    assert result.exit_code == 2 and "states can only be exported from the bag" in result.stderr
 
 
 def test_program_is_planned_and_exported(tmp_path: Path) -> None:

@@ -1,1 +1,1 @@
-"""The ``feedopt`` command: one file a sub-command, imported when it is used."""
+"""The ``feedopt`` command: one file per sub-command, imported when the sub-command is used."""

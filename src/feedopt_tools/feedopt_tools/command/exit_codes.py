@@ -13,7 +13,7 @@ _UNUSABLE_INPUT = (FailureKind.PROGRAM, FailureKind.INFEASIBLE, FailureKind.CONF
 
 
 def exit_code(kind: FailureKind) -> int:
-    """Exit code for a failure: what the user gave cannot be used, a second graph, or anything else."""
+    """Exit code for a failure: one for invalid input of the user, one for a second graph, one for all others."""
     if kind is FailureKind.SECOND_GRAPH:
         return SECOND_GRAPH
     return UNUSABLE_INPUT if kind in _UNUSABLE_INPUT else FAILURE

@@ -1,8 +1,8 @@
-"""The extras of an installation: what a command says where the packages that it needs were left out."""
+"""The extras of an installation, and the message of a command whose packages are not installed."""
 
 from __future__ import annotations
 
-# Import names of what requirements/view.in and requirements/test.in list; a test compares them with these files.
+# Import names of the packages in requirements/view.in and requirements/test.in; a test compares them.
 EXTRA_OF_MODULE = {
     "PIL": "view",
     "matplotlib": "view",
@@ -18,12 +18,12 @@ _PURPOSES = {"view": "pictures, views, reports and Parquet files", "test": "the 
 
 
 def missing_extra(module: str) -> str | None:
-    """What to say where ``module`` cannot be imported; None where it belongs to no extra, which is an error of ours."""
+    """Message if ``module`` cannot be imported; None if it belongs to no extra, which is an internal error."""
     package = module.partition(".")[0]
     extra = EXTRA_OF_MODULE.get(package)
     if extra is None:
         return None
     return (
         f"{package} is not installed; {_PURPOSES[extra]} need the extra {extra}: "
-        f"call FEEDOPT_EXTRAS=view,test ./feedopt once, or pip install -r requirements/{extra}.txt"
+        f"run FEEDOPT_EXTRAS=view,test ./feedopt once, or pip install -r requirements/{extra}.txt"
     )

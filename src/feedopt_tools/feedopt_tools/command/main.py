@@ -1,4 +1,4 @@
-"""Entry of the ``feedopt`` command. Sub-commands are imported when they run, so that help comes at once."""
+"""Entry of the ``feedopt`` command. Sub-commands are imported when they run, so that the help appears at once."""
 
 from __future__ import annotations
 
@@ -12,40 +12,39 @@ _COMMANDS = {
     "demo": ("graph", "Run, record and draw the fan contour."),
     "run": ("graph", "Execute and record a program in real time."),
     "plan": ("program", "Plan a program without ROS."),
-    "toolpath": ("program", "Say what a program holds, and show its smoothed path."),
-    "view": ("recording", "Show a recorded run, or two."),
-    "live": ("graph", "Draw the graph while it runs."),
-    "report": ("recording", "Write a page about a recorded run."),
+    "toolpath": ("program", "List the content of a program and show its smoothed path."),
+    "view": ("recording", "Show a recorded run, or compare two."),
+    "live": ("graph", "Draw the running graph."),
+    "report": ("recording", "Write an HTML page about a recorded run."),
     "export": ("program", "Write a plan or a run for other tools."),
-    "replay": ("recording", "Run recorded inputs again and compare."),
-    "bag": ("recording", "Look into, check and mend recordings."),
+    "replay": ("recording", "Run recorded inputs again and compare the outputs."),
+    "bag": ("recording", "Show, check and repair recordings."),
     "test": ("upkeep", "Check the workspace."),
-    "doctor": ("upkeep", "Say what is missing on this machine."),
+    "doctor": ("upkeep", "List what is missing on this computer."),
     "bench": ("upkeep", "Run a benchmark."),
 }
 """Folder of each command, and its line of help."""
 _EPILOG = (
-    "Exit codes: 0 done, 1 failed, 2 a program, machine or option cannot be used, "
-    "3 another graph runs on this ROS domain."
+    "Exit codes: 0 success, 1 failure, 2 invalid program, machine or option, 3 another graph runs on this ROS domain."
 )
 
 
 class LazyGroup(click.Group):
-    """A group that knows the names of its commands, and imports one when it is asked for."""
+    """A command group that lists its commands without importing them."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of their use."""
+        """Names of the commands in the order of the help."""
         return list(_COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """A command; a name and a help line alone while only the list is shown."""
+        """The command; for the list of commands only its name and help line."""
         if cmd_name not in _COMMANDS:
             return None
         if ctx.resilient_parsing or not ctx.meta.get("feedopt.resolving"):
             return click.Command(cmd_name, help=_COMMANDS[cmd_name][1])
         from feedopt_node.graph import ONE_THREAD
 
-        # Linear algebra reads these when it is imported, which is below.
+        # Linear algebra reads these variables during its import below.
         os.environ.update(ONE_THREAD)
         module = importlib.import_module(f"feedopt_tools.command.{_COMMANDS[cmd_name][0]}.{cmd_name}")
         found = module.command
@@ -55,12 +54,12 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Import the command that is to run."""
+        """Import the command to run."""
         ctx.meta["feedopt.resolving"] = True
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> object:
-        """Errors raised on purpose, and extras that are not installed, become one message and an exit code."""
+        """Turn expected errors and missing extras into one message and an exit code."""
         from feedopt_core.errors import FeedoptError
 
         try:

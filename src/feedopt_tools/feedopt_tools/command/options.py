@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Options of more than one command."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def machine_option(function: F) -> F:
-    """``--machine``: a file, or a name in config/machines."""
+    """``--machine``: a machine file, or its name in config/machines."""
     text = "Machine file, or its name in config/machines."
     option = click.option("--machine", default=DEFAULT_MACHINE, show_default=True, metavar="FILE|NAME", help=text)
     return option(function)
@@ -30,13 +30,13 @@ def machine_option(function: F) -> F:
 
 def method_option(function: F) -> F:
     """``--method``: the planning method."""
-    text = "Planning method; without it, the one in config/nodes/planner.yaml."
+    text = "Planning method; default: the one in config/nodes/planner.yaml."
     return click.option("--method", default="", metavar="NAME", help=text)(function)
 
 
 def tolerance_option(function: F) -> F:
     """``--tolerance-mm``: the smoothing tolerance."""
-    text = "Largest distance of the smoothed from the programmed path (a points program is passed through exactly)."
+    text = "Largest distance between smoothed and programmed path (a points program is followed exactly)."
     return click.option(
         "--tolerance-mm",
         type=click.FloatRange(min=0.0, min_open=True),
@@ -53,20 +53,20 @@ def transition_options(function: F) -> F:
         type=click.Choice([side.value for side in TransitionSide]),
         default=TransitionSide.OUTSIDE.value,
         show_default=True,
-        help="Side of the contours that layer transitions may use.",
+        help="Side of the contours for the layer transitions.",
     )
     reach = click.option(
         "--transition-reach-mm",
         type=click.FloatRange(min=0.0),
         default=0.0,
         metavar="MM",
-        help="Replace the ways between layers of closed contours by smooth curves that reach this far; 0: do not.",
+        help="Replace the moves between layers of closed contours by smooth curves of this lateral reach; 0: off.",
     )
     return reach(side(function))
 
 
 def planner_parameters(method: str) -> PlannerParameters:
-    """Parameters of config/nodes/planner.yaml, with another method where one is given.
+    """Parameters of config/nodes/planner.yaml; ``method``, if not empty, replaces the planning method.
 
     Raises:
         ConfigError: the file or the method cannot be used.
@@ -76,17 +76,17 @@ def planner_parameters(method: str) -> PlannerParameters:
     from feedopt_core.planner.methods import METHOD_NAMES
 
     if method and method not in METHOD_NAMES:
-        raise ConfigError(f"method {method!r} is unknown; there are: {', '.join(METHOD_NAMES)}")
+        raise ConfigError(f"method {method!r} is unknown; available: {', '.join(METHOD_NAMES)}")
     path = config_directory() / "nodes" / "planner.yaml"
     parameters = load_parameters(PlannerParameters, path, "planner", beside=("seconds_ahead",))
     return replace(parameters, method=method) if method else parameters
 
 
 def run_directory(directory: Path | None, name: str) -> Path:
-    """Folder of a run: the one given, or a new one below ``runs/``.
+    """Folder of a run: the given one, or a new one below ``runs/``.
 
     Raises:
-        ConfigError: it holds something already.
+        ConfigError: the folder is not empty.
     """
     if directory is None:
         directory = workspace_root() / "runs" / f"{datetime.now(tz=UTC):%Y%m%d_%H%M%S}_{Path(name).stem}"

@@ -1,4 +1,4 @@
-"""Text for a file, or for standard output where it is called ``-``."""
+"""Text output to a file, or to standard output if the file name is ``-``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TEXT_OUTPUT = click.Path(path_type=Path, dir_okay=False, allow_dash=True)
 
 @contextmanager
 def text_output(path: Path) -> Iterator[TextIO]:
-    """The file to write, or standard output.
+    """Open the file for writing, or give standard output.
 
     Raises:
         ConfigError: the file cannot be written.
@@ -30,5 +30,5 @@ def text_output(path: Path) -> Iterator[TextIO]:
 
 
 def is_standard_output(path: Path | None) -> bool:
-    """The result itself goes to standard output: what is said beside it belongs on standard error."""
+    """Whether the result goes to standard output; all other messages then belong to standard error."""
     return path is not None and str(path) == "-"

@@ -1,4 +1,4 @@
-"""Where the workspace stands."""
+"""Folder of the workspace."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def workspace_root() -> Path:
-    """Root of the workspace that ``./feedopt`` was called from; else of the source tree; else the current folder."""
+    """Root folder of the workspace of ``./feedopt``; else of the source tree; else the current folder."""
     given = os.environ.get("FEEDOPT_ROOT")
     if given:
         return Path(given)

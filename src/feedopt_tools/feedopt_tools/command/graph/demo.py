@@ -1,4 +1,4 @@
-"""``feedopt demo``: the fan contour from program to picture."""
+"""``feedopt demo``: execute the fan contour, from program to picture."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ PROGRAM = "fan_contour.csv"
 @click.command()
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for bag, logs, recording and picture.")
 def command(out: Path | None) -> None:
-    """Execute the fan contour on the simulated router, in real time; record, judge and draw it.
+    """Execute the fan contour on the simulated router in real time; record it, check its limits and draw it.
 
-    Fails where a limit does not hold or a tick is missing.
+    Fails if a limit is violated or a tick is missing.
     """
     console = Console()
     directory = run_directory(out, "demo")
@@ -65,7 +65,7 @@ def _show(console: Console, judgement: Judgement) -> None:
     figures.add_row(
         "lateness",
         f"p50 {1e6 * punctuality.p50_s:.0f} us, p99 {1e6 * punctuality.p99_s:.0f} us, "
-        f"late by a period or more {punctuality.late_ticks}",
+        f"late by a period or more: {punctuality.late_ticks}",
     )
     figures.add_row(
         "recorder",
@@ -75,7 +75,7 @@ def _show(console: Console, judgement: Judgement) -> None:
         figures.add_row("[red]missing[/red]", f"{finding.place}: {finding.text}")
     console.print(figures)
 
-    audit = Table(title="limits, recomputed from the recorded set points", title_justify="left")
+    audit = Table(title="limits, checked on the recorded set points", title_justify="left")
     for column in ("quantity", "axis", "largest", "limit", "ratio", "at s, mm", "at t, s"):
         audit.add_column(column, justify="left" if column in ("quantity", "axis") else "right")
     for row in judgement.audit.rows:
@@ -102,4 +102,6 @@ def _show(console: Console, judgement: Judgement) -> None:
     console.print(tracking)
     for entry in judgement.tracking:
         if entry.over:
-            console.print(f"broken: the plan holds, the simulated drive of {entry.axis} exceeds its limit", style="red")
+            console.print(
+                f"violation: the simulated drive of {entry.axis} exceeds its limit, the plan does not", style="red"
+            )

@@ -1,4 +1,4 @@
-"""``feedopt live``: a graph that runs, in the Rerun viewer."""
+"""``feedopt live``: draw a running graph in the Rerun viewer."""
 
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ _PERIOD_S = 0.1
 
 
 @click.command()
-@click.option("--save", type=click.Path(path_type=Path, dir_okay=False), help="Into an .rrd file instead of a viewer.")
-@click.option("--connect", metavar="URL", help="To a viewer that runs, such as rerun+http://127.0.0.1:9876/proxy.")
-@click.option("--web", is_flag=True, help="To a browser of this machine.")
+@click.option(
+    "--save", type=click.Path(path_type=Path, dir_okay=False), help="Write an .rrd file instead of opening a viewer."
+)
+@click.option("--connect", metavar="URL", help="Draw in a running viewer, such as rerun+http://127.0.0.1:9876/proxy.")
+@click.option("--web", is_flag=True, help="Draw in a browser on this computer.")
 def command(save: Path | None, connect: str | None, web: bool) -> None:
-    """Draw the graph of this ROS domain while it runs, until Ctrl-C: path, feed, tracking, lateness, events."""
+    """Draw the running graph of this ROS domain until Ctrl-C: path, feed, tracking, lateness, events."""
     if sum((save is not None, connect is not None, web)) > 1:
-        raise ConfigError("give one of --save, --connect and --web")
+        raise ConfigError("give only one of --save, --connect and --web")
     recording = rr.RecordingStream(APPLICATION)
     click.echo(_open(recording, save, connect, web=web))
     rclpy.init()
@@ -43,21 +45,21 @@ def command(save: Path | None, connect: str | None, web: bool) -> None:
 
 
 def _open(recording: rr.RecordingStream, save: Path | None, connect: str | None, *, web: bool) -> str:
-    """Where the recording goes; returns what to tell. Raises ViewError."""
+    """Open the file or viewer of the recording; returns the message for the user. Raises ViewError."""
     try:
         if save is not None:
             recording.save(save)
-            return f"drawing into {save}; Ctrl-C ends it"
+            return f"drawing into {save}; stop with Ctrl-C"
         if connect is not None:
             recording.connect_grpc(connect)
-            return f"drawing to {connect}; Ctrl-C ends it"
+            return f"drawing in the viewer at {connect}; stop with Ctrl-C"
         if web:
             url = recording.serve_grpc()
             rr.serve_web_viewer(open_browser=has_display(), connect_to=url)
-            return f"served; a browser shows it at http://127.0.0.1:9090?url={url}; Ctrl-C ends it"
+            return f"open http://127.0.0.1:9090?url={url} in a browser; stop with Ctrl-C"
         if not has_display():
-            raise ViewError("no display here: give --web, --save FILE.rrd, or --connect URL of a viewer elsewhere")
+            raise ViewError("no display: give --web, --save FILE.rrd, or --connect URL of a viewer on another computer")
         recording.spawn()
     except (OSError, RuntimeError) as error:
-        raise ViewError(f"the viewer cannot be reached, or the file not written: {error}") from error
-    return "drawing to the viewer; Ctrl-C ends it"
+        raise ViewError(f"cannot reach the viewer or write the file: {error}") from error
+    return "drawing in the viewer; stop with Ctrl-C"

@@ -1,4 +1,4 @@
-"""``feedopt run``: one program on a graph of its own."""
+"""``feedopt run``: execute one program on a new graph."""
 
 from __future__ import annotations
 
@@ -32,8 +32,10 @@ from feedopt_tools.execute.execution import Execution, RunOptions, execute_progr
 @tolerance_option
 @transition_options
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for bag and logs; it must not exist yet.")
-@click.option("--stream", is_flag=True, help="Send PROGRAM line by line on /program_lines instead of its path.")
-@click.option("--no-sim", is_flag=True, help="Without the simulated router: the interpolator ends the program.")
+@click.option("--stream", is_flag=True, help="Send the lines of PROGRAM on /program_lines instead of its file name.")
+@click.option(
+    "--no-sim", is_flag=True, help="Run without the simulated router; the program ends when the interpolator is done."
+)
 def command(
     program: Path,
     machine: str,
@@ -48,9 +50,9 @@ def command(
 ) -> None:
     """Execute PROGRAM on the graph, in real time, and record it.
 
-    Ctrl-C stops the motion on the path and ends the run; a second one ends the nodes at once.
+    Ctrl-C stops the motion on the path and ends the run; a second Ctrl-C ends the nodes at once.
     """
-    # What can be seen now is not left to a graph that takes seconds to start.
+    # Checked here, because the graph needs seconds to start.
     planner_parameters(method)
     open_program(program)
     request = ProgramRequest(
@@ -76,10 +78,10 @@ def command(
 
 
 def execution_exit_code(execution: Execution) -> int:
-    """Exit code of a run that ended; a failure of a node is raised again as what it was.
+    """Exit code of a run; the failure of a node is raised again as the error of its kind.
 
     Raises:
-        FeedoptError: what ended the run early.
+        FeedoptError: the cause of an early end.
     """
     if execution.failure is not None:
         raise execution.failure
@@ -89,7 +91,7 @@ def execution_exit_code(execution: Execution) -> int:
 
 
 def show_execution(console: Console, execution: Execution) -> None:
-    """Table of a run that ended."""
+    """Print the result of a run as a table."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     outcome = execution.outcome
     if outcome is not None:
@@ -98,7 +100,7 @@ def show_execution(console: Console, execution: Execution) -> None:
         table.add_row("path", f"{outcome.path_length_mm:.1f} mm in {outcome.segments} segments")
         table.add_row("late ticks", str(execution.missed_ticks))
         if execution.starved_chunk_sequence:
-            text = f"came to rest after chunk {execution.starved_chunk_sequence}: planning was too slow"
+            text = f"stopped after chunk {execution.starved_chunk_sequence}: planning was too slow"
             table.add_row("starved", text)
     elif execution.interrupted:
         table.add_row("result", "[red]interrupted before the program began[/red]")

@@ -1,4 +1,4 @@
-"""Progress of a run on the terminal: a bar where there is one, lines where there is none."""
+"""Progress of a run: a bar on a terminal, otherwise lines of text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``feedopt export``: a plan or a run for other tools."""
+"""``feedopt export``: write a plan or a run for other tools."""
 
 from __future__ import annotations
 
@@ -35,16 +35,20 @@ _DEFAULTS = GcodeSettings()
 @click.command()
 @click.argument("source", metavar="BAG|PROGRAM", type=click.Path(path_type=Path))
 @click.option("--format", "kind", type=click.Choice(list(_ENDINGS)), default="gcode", show_default=True)
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="The file; else named after the source.")
-@click.option("--program", type=int, help="Program of the bag; without it, the last one.")
+@click.option(
+    "--out", type=click.Path(path_type=Path, dir_okay=False), help="Output file; default: named after the source."
+)
+@click.option("--program", type=int, help="Number of the program in the bag; default: the last one.")
 @machine_option
 @method_option
 @tolerance_option
 @click.option("--chord-tolerance-mm", type=float, default=_DEFAULTS.tolerance_mm, show_default=True, help="G-code.")
 @click.option("--longest-chord-mm", type=float, default=_DEFAULTS.longest_chord_mm, show_default=True, help="G-code.")
 @click.option("--feed-step-mm-min", type=float, default=_DEFAULTS.feed_step_mm_min, show_default=True, help="G-code.")
-@click.option("--inverse-time", is_flag=True, help="G-code: feeds as G93.")
-@click.option("--period-s", type=float, default=0.001, show_default=True, help="Of set points and trajectories.")
+@click.option("--inverse-time", is_flag=True, help="G-code: feeds as inverse time (G93).")
+@click.option(
+    "--period-s", type=float, default=0.001, show_default=True, help="Period of set points and trajectories, s."
+)
 def command(
     source: Path,
     kind: str,
@@ -60,9 +64,9 @@ def command(
     inverse_time: bool,
     period_s: float,
 ) -> None:
-    """Write a recorded run, or a program that is planned now, as G-code with feeds, set points, trajectory or states.
+    """Write a recorded run, or plan a program and write it, as G-code with feeds, set points, trajectory or states.
 
-    Machine, method and smoothing tolerance are of a program that is planned; a bag has its own.
+    Machine, method and smoothing tolerance apply to a program; a bag contains its own.
     """
     bag = bag_of(source)
     run = read_bag(bag, program) if bag.is_dir() or bag.suffix == ".mcap" else None
@@ -70,7 +74,7 @@ def command(
     path = out or Path(f"{stem}_{kind.replace('-', '_')}{_ENDINGS[kind]}")
     if kind == "states":
         if run is None:
-            raise ConfigError(f"{source}: is a program; states are in the bag of a run")
+            raise ConfigError(f"{source}: is a program; states can only be exported from the bag of a run")
         _write(path, lambda: write_csv(path, state_table(run)))
         click.echo(f"{path}: {len(run.states)} states")
         return
@@ -96,7 +100,9 @@ def _motion(source: Path, run: RunData | None, planning: tuple[str, str, float])
     plan = plan_program(source, machine, planner_parameters(method), tolerance_mm)
     if not plan.audit.holds:
         worst = plan.audit.worst
-        raise ExportError(f"{source}: the plan's {worst.quantity} {worst.axis} is {worst.ratio:.4f} of its limit")
+        raise ExportError(
+            f"{source}: the plan violates a limit: {worst.quantity} {worst.axis} is {worst.ratio:.4f} times its limit"
+        )
     return motion_of_plan(plan, machine, source)
 
 
@@ -104,8 +110,8 @@ def _write_gcode(path: Path, motion: Motion, settings: GcodeSettings) -> str:
     written = write_gcode(motion, settings)
     _write(path, lambda: path.write_text("\n".join(written.lines) + "\n", encoding="utf-8"))
     return (
-        f"{path}: {written.chords} moves within {1e3 * written.deviation_mm:.2f} um of the path, read back; "
-        f"{written.written_s:.3f} s by their feeds (planned {written.planned_s:.3f} s), "
+        f"{path}: {written.chords} moves within {1e3 * written.deviation_mm:.2f} um of the path (read back); "
+        f"{written.written_s:.3f} s at their feeds (planned {written.planned_s:.3f} s), "
         f"up to {written.blocks_a_second:.0f} moves a second"
     )
 

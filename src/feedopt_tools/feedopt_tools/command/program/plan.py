@@ -1,4 +1,4 @@
-"""``feedopt plan``: the whole pipeline without ROS."""
+"""``feedopt plan``: plan a program without ROS."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def command(
 ) -> None:
     """Plan PROGRAM without ROS; write set points and report.
 
-    Fails where the audit of the plan does not hold.
+    Fails if the audit finds a violation in the plan.
     """
     if is_standard_output(setpoints) and is_standard_output(report):
         raise ConfigError("--setpoints and --report cannot both be standard output")
@@ -71,7 +71,7 @@ def command(
 
 
 def report_document(plan: Plan, method: str) -> dict[str, object]:
-    """Report of a plan as JSON types; ``audit`` has one entry for each grid, axis and quantity."""
+    """Report of a plan as JSON types; ``audit`` has one entry per grid, axis and quantity."""
     return {
         "motion_time_s": plan.motion_time_s,
         "compute_time_s": plan.compute_time_s,
@@ -85,7 +85,7 @@ def report_document(plan: Plan, method: str) -> dict[str, object]:
 
 
 def write_setpoints(path: Path, setpoints: Setpoints) -> None:
-    """Write set points with 15 significant digits, one a line. Raises ConfigError."""
+    """Write set points with 15 significant digits, one per line. Raises ConfigError."""
     columns = np.column_stack([setpoints.t_s, setpoints.s_mm, setpoints.v_mm_s, setpoints.tool_mm])
     with text_output(path) as file:
         np.savetxt(file, columns, fmt="%.15g", delimiter=",", header=_HEADER, comments="")

@@ -1,4 +1,4 @@
-"""``feedopt toolpath``: what a program holds and what smoothing makes of it; no limits, no motion."""
+"""``feedopt toolpath``: show the content of a program and its smoothed path; without limits and motion."""
 
 from __future__ import annotations
 
@@ -28,14 +28,16 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("program", type=click.Path(path_type=Path))
 @click.option(
-    "--machine", metavar="FILE|NAME", help="Machine that gives the number of coordinates; its limits play no part."
+    "--machine", metavar="FILE|NAME", help="Machine that defines the number of coordinates; its limits are not used."
 )
 @tolerance_option
 @transition_options
 @click.option("--view", is_flag=True, help="Open the path in the Rerun viewer.")
 @click.option("--json", "report", type=TEXT_OUTPUT, help="JSON file for the figures; - is standard output.")
-@click.option("--save", type=click.Path(path_type=Path, dir_okay=False), help="Where to put the .rrd.")
-@click.option("--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Draw the path into a PNG.")
+@click.option("--save", type=click.Path(path_type=Path, dir_okay=False), help="File name of the .rrd recording.")
+@click.option(
+    "--screenshot", type=click.Path(path_type=Path, dir_okay=False), help="Write a picture of the path as PNG."
+)
 def command(
     program: Path,
     machine: str | None,
@@ -48,9 +50,9 @@ def command(
     save: Path | None,
     screenshot: Path | None,
 ) -> None:
-    """Say what PROGRAM holds: moves, corners, stops, and the smoothed path with its deviation.
+    """List the content of PROGRAM: moves, corners, stops, and the smoothed path with its deviation.
 
-    Fails where the smoothed path leaves the tolerance.
+    Fails if the deviation of the smoothed path exceeds the tolerance.
     """
     transitions = LayerTransitions.requested(transition_reach_mm, transition_side)
     survey = survey_program(program, load_machine(machine).dimensions if machine else None, tolerance_mm, transitions)
@@ -67,7 +69,7 @@ def command(
 
 
 def figures_document(figures: SurveyFigures) -> dict[str, object]:
-    """Figures as JSON types: what is infinite is null."""
+    """Figures as JSON types; infinite values become null."""
     document = asdict(figures)
     if math.isinf(figures.smallest_radius_mm):
         document["smallest_radius_mm"] = None
@@ -90,7 +92,7 @@ def _show(scene: SurveyScene, *, view: bool, save: Path | None, screenshot: Path
 
     if screenshot is not None:
         picture = draw_survey_picture(scene, screenshot)
-        click.echo(f"{picture.path} by {picture.drawn_by}" + (f" ({picture.reason})" if picture.reason else ""))
+        click.echo(f"{picture.path} drawn by {picture.drawn_by}" + (f" ({picture.reason})" if picture.reason else ""))
     if save is None and not view:
         return
     # The viewer reads the file after this command has ended.

@@ -1,4 +1,4 @@
-"""``feedopt bag``: what a recording holds, whether it is whole, and mending one that is not."""
+"""``feedopt bag``: show the content of a recording, check it for gaps, and repair it."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from feedopt_tools.command.exit_codes import FAILURE, OK
 
 @click.group()
 def command() -> None:
-    """Look into, check and mend recordings: a bag, or the folder of a run."""
+    """Show, check and repair a recording: a bag, or the folder of a run."""
 
 
 @command.command()
 @click.argument("bag", type=click.Path(path_type=Path))
 def info(bag: Path) -> None:
-    """Topics, times and provenance of BAG."""
+    """Show topics, times and provenance of BAG."""
     contents = read_messages(bag, allow_truncated=True)
     console = Console()
     summary = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
@@ -47,27 +47,27 @@ def info(bag: Path) -> None:
 @command.command()
 @click.argument("bag", type=click.Path(path_type=Path))
 def check(bag: Path) -> None:
-    """Say what is missing in BAG; fails where something is."""
+    """List everything that is missing in BAG; fails if anything is missing."""
     findings = [f"{finding.place}: {finding.text}" for finding in check_bag(bag)]
     findings += metadata_findings(bag_files(bag)[0].parent, _counts(read_messages(bag, allow_truncated=True)))
     for text in findings:
         click.echo(text)
     if not findings:
-        click.echo(f"{bag}: whole")
+        click.echo(f"{bag}: complete")
     sys.exit(FAILURE if findings else OK)
 
 
 @command.command()
 @click.argument("bag", type=click.Path(path_type=Path))
 def recover(bag: Path) -> None:
-    """Give BAG, cut off by a crash or a full disk, its index and metadata.yaml back, in place."""
+    """Restore index and metadata.yaml of BAG, in place, after a crash or a full disk."""
     try:
         mended = repair_bag(bag_files(bag)[0].parent)
     except OSError as error:
         raise ConfigError(f"{bag}: cannot be written: {error.strerror}") from error
     saved = sum(topic.message_count for topic in mended.topics)
     if not saved:
-        raise BagEmptyError(f"{bag}: no whole chunk was written: there is nothing to recover")
+        raise BagEmptyError(f"{bag}: no complete chunk was written: there is nothing to recover")
     span_s = (mended.end_ns - mended.start_ns) * 1e-9
     click.echo(f"{mended.file_name}: {saved} messages over {span_s:.3f} s are readable")
 
@@ -83,7 +83,7 @@ def _facts(bag: Path, contents: BagContents) -> list[tuple[str, str]]:
     span_s = (max(int(each.max()) for each in times) - min(int(each.min()) for each in times)) * 1e-9
     facts = [
         ("file", f"{', '.join(map(str, files))}, {size / 1e6:.2f} MB"),
-        ("ends", "with its footer" if contents.complete else "cut off; mend it with: feedopt bag recover"),
+        ("ends", "with its footer" if contents.complete else "incomplete; repair it with: feedopt bag recover"),
         ("messages", f"{sum(_counts(contents).values())} over {span_s:.3f} s"),
     ]
     records = contents.metadata
@@ -96,8 +96,8 @@ def _facts(bag: Path, contents: BagContents) -> list[tuple[str, str]]:
     facts.append(("recorded by", ", ".join(f"{name} {value}" for name, value in versions.items()) or "others"))
     try:
         recorder = json.loads(records["feedopt/recorder"]["summary"])
-        whole = "complete" if recorder["complete"] else "with gaps"
-        facts.append(("recorder", f"{whole}, {100.0 * recorder['cpu_share_ratio']:.1f} % of a core"))
+        state = "complete" if recorder["complete"] else "with gaps"
+        facts.append(("recorder", f"{state}, {100.0 * recorder['cpu_share_ratio']:.1f} % of a core"))
     except (KeyError, ValueError, TypeError):
-        facts.append(("recorder", "left no summary"))
+        facts.append(("recorder", "no summary"))
     return facts

@@ -1,4 +1,4 @@
-"""``feedopt replay``: recorded runs again, and what differs."""
+"""``feedopt replay``: run recorded inputs again and list the differences."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ _GOLDEN_FOLDER = "bags"
 
 @click.command()
 @click.argument("bags", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--diff", type=TEXT_OUTPUT, help="File for everything that differs; - is standard output.")
+@click.option("--diff", type=TEXT_OUTPUT, help="File for the list of differences; - is standard output.")
 @click.option("--live", is_flag=True, help="Execute the programs on a running graph instead, in real time.")
 @click.option("--update", is_flag=True, help="Remake golden bags; prints a summary for the commit message.")
 def command(bags: tuple[Path, ...], diff: Path | None, live: bool, update: bool) -> None:
-    """Feed each stage its recorded inputs from BAGS again and compare every output message with the recorded one.
+    """Run each stage with its recorded inputs from BAGS and compare every output message with the recorded one.
 
-    Without BAGS, the golden bags of the workspace. Fails where a message differs by more than its tolerance.
+    Default for BAGS: the golden bags of the workspace. Fails if a message differs by more than its tolerance.
     """
     chosen = chosen_bags(bags or (workspace_root() / _GOLDEN_FOLDER,))
     if not chosen:
         raise ConfigError("there is no bag to replay")
     if update:
         if live or diff is not None:
-            raise click.UsageError("--update goes with neither --live nor --diff")
+            raise click.UsageError("--update cannot be combined with --live or --diff")
         _update(chosen)
         return
     replays = [_replayed(path, live=live) for path in chosen]
@@ -66,7 +66,7 @@ def _replayed(path: Path, *, live: bool) -> Replay:
 def _update(paths: list[Path]) -> None:
     for path in paths:
         if golden_entry(path) is None:
-            raise ConfigError(f"{path}: is no golden bag: no manifest beside it has an entry of that name")
+            raise ConfigError(f"{path}: is not a golden bag: no manifest in its folder has an entry of that name")
     from feedopt_tools.replay.update import remake
 
     for path in paths:

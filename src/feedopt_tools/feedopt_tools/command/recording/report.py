@@ -1,4 +1,4 @@
-"""``feedopt report``: one HTML page about a run."""
+"""``feedopt report``: write an HTML page about a run."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from feedopt_tools.views.signals.scene import scene_of
 
 @click.command()
 @click.argument("bag", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="The page; else report.html in BAG.")
-@click.option("--program", type=int, help="Program of the bag; without it, the last one.")
+@click.option(
+    "--out", type=click.Path(path_type=Path, dir_okay=False), help="Output file; default: report.html in BAG."
+)
+@click.option("--program", type=int, help="Number of the program in the bag; default: the last one.")
 def command(bag: Path, out: Path | None, program: int | None) -> None:
-    """Write one self-contained HTML page about BAG: times, limits, tracking, planner, events, where it comes from."""
+    """Write one self-contained HTML page about BAG: times, limits, tracking, planner, events, provenance."""
     folder = bag_of(bag)
     scene = scene_of(read_bag(folder, program, allow_truncated=True))
     path = out or (folder if folder.is_dir() else folder.parent) / "report.html"

@@ -1,4 +1,4 @@
-"""``feedopt bench``: the benchmarks of the workspace, each a module of ``benchmark/``."""
+"""``feedopt bench``: run a benchmark; each is a module of ``benchmark/``."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from feedopt_tools.command.workspace import workspace_root
 @click.argument("name")
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def command(name: str, arguments: tuple[str, ...]) -> None:
-    """Run benchmark NAME, such as peers, with its own ARGUMENTS."""
+    """Run the benchmark NAME, such as peers, with its own ARGUMENTS."""
     root = workspace_root()
     folder = root / "benchmark"
     names = benchmark_names(folder)
     if name not in names:
         known = ", ".join(names) or "none in this workspace"
-        raise ConfigError(f"benchmark {name!r} is unknown; there are: {known}")
+        raise ConfigError(f"benchmark {name!r} is unknown; available: {known}")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")])}
     process = subprocess.run(
         [sys.executable, "-m", f"benchmark.{name}", *arguments], cwd=Path.cwd(), env=environment, check=False
@@ -32,7 +32,7 @@ def command(name: str, arguments: tuple[str, ...]) -> None:
 
 
 def benchmark_names(folder: Path) -> tuple[str, ...]:
-    """Benchmarks that can be run: modules, and packages with a ``__main__``."""
+    """Names of the benchmarks: modules, and packages with a ``__main__``."""
     modules = [entry.stem for entry in folder.glob("[a-z]*.py")]
     packages = [entry.parent.name for entry in folder.glob("[a-z]*/__main__.py")]
     return tuple(sorted(modules + packages))

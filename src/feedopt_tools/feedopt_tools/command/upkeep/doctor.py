@@ -1,4 +1,4 @@
-"""``feedopt doctor``: what is missing on this machine, and what to do about it."""
+"""``feedopt doctor``: list what is missing on this computer, with the remedies."""
 
 from __future__ import annotations
 

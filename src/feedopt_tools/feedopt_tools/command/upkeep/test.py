@@ -1,4 +1,4 @@
-"""``feedopt test``: everything that must hold before a change is handed in."""
+"""``feedopt test``: all checks that a change must pass."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STAGES: tuple[tuple[str, tuple[str, ...]], ...] = (
 
 @click.command()
 def command() -> None:
-    """Check style, types and imports, then run the unit tests and the graph tests; stop at the first that fails."""
+    """Check style, types and imports, then run the unit tests and the graph tests; stop at the first failure."""
     for module in EXTRA_OF_MODULE:
         if importlib.util.find_spec(module) is None:
             raise ModuleNotFoundError(f"No module named {module!r}", name=module)
