@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -46,9 +45,8 @@ class Captured:
 
 
 def rows_of(samples: Any, first: int, last: int) -> Any:
-    values = {field.name: getattr(samples, field.name)[first:last] for field in fields(samples)}
     assert isinstance(samples, SampleArrays)
-    return type(samples)(**values)
+    return samples.rows(slice(first, last))
 
 
 @pytest.fixture(scope="module")

@@ -50,9 +50,12 @@ class SampleArrays:
 
     def of_program(self: T, program_id: int) -> T:
         """The rows of one program."""
-        rows: NDArray[np.bool_] = self.program_id == program_id
+        return self.rows(self.program_id == program_id)
+
+    def rows(self: T, selection: slice | IntArray | NDArray[np.bool_]) -> T:
+        """Some of the rows, in order."""
         arrays = [field.name for field in fields(self) if field.name != "period_s"]
-        values: dict[str, Any] = {name: getattr(self, name)[rows] for name in arrays}
+        values: dict[str, Any] = {name: getattr(self, name)[selection] for name in arrays}
         return replace(self, **values)
 
 
