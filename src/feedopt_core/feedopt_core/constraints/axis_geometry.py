@@ -1,4 +1,4 @@
-"""The path as the axes see it.
+"""Derivatives of the axis positions along the path, and the velocity limits that follow from them.
 
 With g1, g2, g3 = K r', K r'', K r''' (K: axis map) and q = feedrate^2, an axis has
 
@@ -33,20 +33,23 @@ class AxisGeometry:
 
 
 def axis_geometry(toolpath: Toolpath, axis_matrix: FloatArray, s_mm: FloatArray) -> AxisGeometry:
-    """Geometry of the axes at arc lengths of any shape. Raises ToolpathError outside the path held."""
+    """Geometry of the axes at arc lengths of any shape. Raises ToolpathError outside the path held by ``toolpath``."""
     g1, g2, g3 = toolpath.axis_derivatives(s_mm.ravel(), axis_matrix).reshape(3, len(axis_matrix), *s_mm.shape)
     return AxisGeometry(g1, g2, g3, toolpath.feed_limits_mm_s(s_mm.ravel()).reshape(s_mm.shape))
 
 
 def span_points(knots_mm: FloatArray, z: FloatArray) -> FloatArray:
-    """Arc lengths at z in [0, 1] of every span, shape (len(z), m), a hair inside: derivatives may jump at a knot."""
+    """Arc lengths at z in [0, 1] of every span, shape (len(z), m).
+
+    The first and the last lie just inside the span, because the derivatives may jump at a knot.
+    """
     widths = np.diff(knots_mm)
     inset = np.minimum(ONE_SIDED_MM, 1e-3 * widths)
     return np.asarray(knots_mm[:-1] + inset + z[:, None] * (widths - 2.0 * inset))
 
 
 def q_limit(geometry: AxisGeometry, limits: KinematicLimits) -> FloatArray:
-    """Largest q the feed and the axis velocities allow, shape of the points, mm^2/s^2."""
+    """Largest q that the feed limit and the axis velocity limits allow, shape of the points, mm^2/s^2."""
     feed = np.minimum(geometry.feed_limit_mm_s, limits.feed_mm_s)
     shape = (-1,) + (1,) * feed.ndim
     with np.errstate(divide="ignore"):
@@ -55,7 +58,10 @@ def q_limit(geometry: AxisGeometry, limits: KinematicLimits) -> FloatArray:
 
 
 def steady_q_limit(geometry: AxisGeometry, limits: KinematicLimits) -> FloatArray:
-    """Largest q at a steady feed, shape of the points, mm^2/s^2: acceleration and jerk of the bends count as well."""
+    """Largest q at constant feedrate, shape of the points, mm^2/s^2.
+
+    It also counts the acceleration and jerk that the curvature of the path causes.
+    """
     shape = (-1,) + (1,) * geometry.feed_limit_mm_s.ndim
     with np.errstate(divide="ignore", over="ignore"):
         bend = limits.acceleration_mm_s2.reshape(shape) / np.abs(geometry.g2)

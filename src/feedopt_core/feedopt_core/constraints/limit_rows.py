@@ -1,7 +1,7 @@
-"""The limits at the points of a mesh, as the two-sided rows of the interior point.
+"""The limits at the points of a mesh, as two-sided rows for the interior point.
 
-With A = g2 q + g1 q'/2 and W = g3 q + 3/2 g2 q' + 1/2 g1 q'' (both linear in the control points), divided by the limit
-in each case:
+Each row is one of these quantities divided by its limit, with A = g2 q + g1 q'/2 and
+W = g3 q + 3/2 g2 q' + 1/2 g1 q'' (both are linear in the control points):
 
     velocity      q <= q_limit
     acceleration  A
@@ -23,15 +23,15 @@ from feedopt_core.machine.limits import MotionLimits
 from feedopt_core.solver.interior_point_data import DOWN, ROW, UP, Rows
 
 _VELOCITY = 0
-"""Place of the row of the velocity among those of a point."""
+"""Index of the velocity row among the rows of a point."""
 _NO_DIRECTION = 1e-9
-"""Below this share of the path's motion an axis may move either way: friction counts against both sides."""
+"""Where an axis moves less than this part of the path's motion its direction is open: friction tightens both sides."""
 _SAME = 1e-6
-"""Relative difference of numbers that say the same."""
+"""Relative difference up to which two numbers count as equal."""
 
 
 class _Recipe(NamedTuple):
-    """A limit of one axis: gains on A, sqrt(q) W and g1 sqrt(q), and the constant part, all divided by the limit."""
+    """A limit of one axis: factors of A, sqrt(q) W and g1 sqrt(q), and the constant part, all divided by the limit."""
 
     axis: int
     acceleration: float = 0.0
@@ -52,13 +52,13 @@ def limit_rows(
     weights_mm: FloatArray,
     scale: FloatArray,
 ) -> Rows:
-    """Rows of all limits at p points of each of m spans: velocity first, then kind by kind, axis by axis.
+    """Rows of all limits at p points of each of m spans: first velocity, then for each kind of limit one row an axis.
 
     Args:
         geometry: at the points, shape (n_axes, p, m).
         limits: of the machine.
         basis: q, q', q'' of the local basis functions, shape (3, p, m) each.
-        weights_mm: quadrature weights, shape (p, m); a point without one has no limits either.
+        weights_mm: quadrature weights, shape (p, m); a point of weight 0 gets no rows.
         scale: factor on every limit at the points, shape (p, m), at most 1.
     """
     recipes = np.array(_recipes(limits), _RECIPE)
@@ -104,9 +104,9 @@ def _recipes(limits: MotionLimits) -> list[_Recipe]:
 
 
 def _lowest_of_alike(limits: FloatArray, axis_matrix: FloatArray) -> FloatArray:
-    """Limits of the axes, infinite where another axis makes the same motion under a lower or the same one, (n_axes,).
+    """Limits of the axes, shape (n_axes,), infinite where another axis makes the same motion under the lowest limit.
 
-    So it is with the two drives of a gantry.
+    The two drives of a gantry are an example. One row then stands for all axes of this motion.
     """
     lowest = limits.copy()
     for axis, row in enumerate(axis_matrix):
@@ -127,10 +127,10 @@ def _fill(
     factors: FloatArray,
     recipes: RecordArray,
 ) -> None:
-    """Rows at all points.
+    """Fill in the rows at all points.
 
     Args:
-        coefficients, inverse_limits: of :class:`Rows`, zero; filled where there is a limit.
+        coefficients, inverse_limits: those of :class:`Rows`, all zero; filled where there is a limit.
         g1, g2, g3: geometry, shape (n_axes, p, m).
         inverse_bound: one over the largest q, shape (p, m).
         factors: one over the factor on the limits, 0 at points without limits, shape (p, m).
@@ -148,7 +148,7 @@ def _fill(
                 axis = recipe.axis
                 d1, d2, d3 = g1[axis, p, k], g2[axis, p, k], g3[axis, p, k]
                 if d1 == 0.0 and d2 == 0.0 and d3 == 0.0:
-                    # A limit of an axis that stands still says nothing.
+                    # An axis that stands still needs no limit.
                     continue
                 on_a, on_j, on_v = recipe.acceleration * factor, recipe.jerk * factor, recipe.velocity * factor
                 offset, friction = recipe.offset * factor, recipe.friction * factor
@@ -156,7 +156,7 @@ def _fill(
                 row.on_q, row.on_slope = on_a * d2, 0.5 * on_a * d1
                 row.on_root_q, row.on_root_slope, row.on_root_bend = on_j * d3, 1.5 * on_j * d2, 0.5 * on_j * d1
                 row.on_root = on_v * d1
-                # An axis that hardly moves may do so in either direction between the points.
+                # An axis that hardly moves may move in either direction between the points.
                 both = abs(d1) < _NO_DIRECTION
                 forwards = friction if both else np.sign(d1) * friction
                 backwards = friction if both else -forwards
@@ -164,12 +164,12 @@ def _fill(
 
 
 def release_start_state(rows: Rows) -> None:
-    """Take the rows without q'' off the very start: a given state there cannot be chosen any more."""
+    """Remove the rows without q'' at the start of the window: q and q' are given there and cannot change any more."""
     rows.inverse_limits[0, 0, rows.over_root == 0.0] = 0.0
 
 
 def drop_repeated(rows: Rows) -> None:
-    """Take off the ends of spans what the starts of the next ones say as well: rows without q'' where nothing jumps."""
+    """Remove rows at the end of a span that the start of the next span repeats: no q'', equal factors and limits."""
     _drop_repeated(rows.coefficients, rows.inverse_limits, rows.over_root)
 
 
@@ -180,7 +180,8 @@ def _drop_repeated(coefficients: RecordArray, inverse_limits: FloatArray, over_r
         for i in range(len(over_root)):
             if over_root[i] > 0.0:
                 continue
-            # q and q' are continuous: what is left of such a row are its factors of q, q' and sqrt(q), and its limits.
+            # q and q' are continuous at a knot, so two rows are equal if their factors of q, q' and sqrt(q), and their
+            # limits are.
             end, start = coefficients[k, last, i], coefficients[k + 1, 0, i]
             same = _close(end.on_q, start.on_q) and _close(end.on_slope, start.on_slope)
             same = same and _close(end.on_root, start.on_root)

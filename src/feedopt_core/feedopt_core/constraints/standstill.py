@@ -1,13 +1,15 @@
-"""The element of constant jerk that leaves or reaches rest, s = J t^3 / 6: its length and the largest jerk it may have.
+"""The standstill element: constant jerk J, s = J t^3 / 6. Its length and the largest jerk that the limits allow.
 
-With x the distance from rest and q = p x^(4/3), p = (9 J / 2)^(2/3), an axis has (sign: +1 leaving, -1 reaching rest)
+It lies next to each standstill of the path. With the distance x from the standstill, q = p x^(4/3) and
+p = (9 J / 2)^(2/3), an axis has (sign: +1 where the element leaves the standstill, -1 where it reaches it)
 
     velocity      p^(1/2) g1 x^(2/3)
     acceleration  p (g2 x^(4/3) + sign 2/3 g1 x^(1/3))
     jerk          p^(3/2) (g3 x^2 + sign 2 g2 x + 2/9 g1)
 
-so every limit on the element is an upper bound of p alone: nothing is linearised, and true rest (q = 0) is on the
-path. Control signal and tracking error are polynomials of degree 2 and 3 in p^(1/2): their first crossing counts.
+so every limit on the element is an upper bound of p alone. Nothing is linearised, and the profile contains the
+standstill itself (q = 0). Control signal and tracking error are polynomials of degree 2 and 3 in p^(1/2); p^(1/2) stays
+below the first point where one of them reaches its limit.
 """
 
 from __future__ import annotations
@@ -24,52 +26,53 @@ from feedopt_core.machine.limits import KinematicLimits, MotionLimits
 _FRACTION = 0.3
 _INSIDE_MM = 1e-9
 _LEAST_MM = 1e-6
-"""Least length of the element at rest: shorter ones would drown in the rounding of arc lengths."""
+"""Least length of the standstill element; in a shorter one the rounding of arc lengths would be too large a part."""
 _SAMPLES = np.concatenate([[1e-15, 1e-4], np.linspace(0.02, 1.0 - 1e-7, 15)])
-"""Places on the element; the last is a hair inside: the path may have a joint at its end."""
+"""Places on the element, as parts of its length. The last is just inside, because the path may have a joint at its
+end."""
 _STEP, _FAR = 0.05, 8.0
-"""Step and end, in safe scales, of the search for the first crossing of a polynomial limit."""
+"""Step and end of the search for the first crossing of a polynomial limit, in units of a y that is surely inside."""
 _BISECTIONS = 40
 _UNLIMITED = 1e6
-"""Scale p^(1/2) that no limit of feed allows: an axis that does not move limits nothing."""
+"""Value of p^(1/2) above what any feed limit allows. It stands for an axis that does not move and so sets no limit."""
 
 
-def rest_length_mm(toolpath: Toolpath, limits: KinematicLimits, s_rest_mm: float, sign: int) -> float:
-    """Length of the element next to rest: a part of the distance in which the jerk builds up the acceleration.
+def standstill_length_mm(toolpath: Toolpath, limits: KinematicLimits, s_standstill_mm: float, sign: int) -> float:
+    """Length of the standstill element: a part of the distance over which the jerk builds up the full acceleration.
 
     Args:
-        toolpath: holds the point of rest.
-        limits: finite ones, derived from those of the drives where the machine gives none.
-        s_rest_mm: arc length of the point of rest.
-        sign: +1 where the element leaves rest, -1 where it reaches rest.
+        toolpath: contains the standstill.
+        limits: all finite; where the machine gives none they are derived from those of the drives.
+        s_standstill_mm: arc length of the standstill.
+        sign: +1 where the element leaves the standstill, -1 where it reaches it.
     """
-    # A hair inside the element: at an exact stop the direction of the path may jump.
-    geometry = axis_geometry(toolpath, limits.axis_matrix, np.array([s_rest_mm + sign * _INSIDE_MM]))
+    # Evaluated just inside the element: at an exact stop the direction of the path may jump.
+    geometry = axis_geometry(toolpath, limits.axis_matrix, np.array([s_standstill_mm + sign * _INSIDE_MM]))
     with np.errstate(divide="ignore"):
         jerk = float(np.min(limits.jerk_mm_s3 / np.abs(geometry.g1[:, 0])))
         acceleration = float(np.min(limits.acceleration_mm_s2 / np.abs(geometry.g1[:, 0])))
     return max(_FRACTION * acceleration**3 / (6.0 * jerk**2), _LEAST_MM)
 
 
-def rest_scale_limit(
-    toolpath: Toolpath, limits: MotionLimits, s_rest_mm: float, length_mm: float, sign: int, scale: float
+def standstill_scale_limit(
+    toolpath: Toolpath, limits: MotionLimits, s_standstill_mm: float, length_mm: float, sign: int, scale: float
 ) -> float:
-    """Largest p = (9 J / 2)^(2/3) of the element of given length next to rest.
+    """Largest p = (9 J / 2)^(2/3) of a standstill element of given length, mm^(2/3)/s^2.
 
     Args:
-        toolpath: holds the element.
+        toolpath: contains the element.
         limits: of the axes and the feed.
-        s_rest_mm: arc length of the point of rest.
+        s_standstill_mm: arc length of the standstill.
         length_mm: length of the element.
-        sign: +1 where it leaves rest, -1 where it reaches rest.
+        sign: +1 where it leaves the standstill, -1 where it reaches it.
         scale: factor on every limit.
 
     Raises:
-        InfeasibleLimitsError: friction alone needs more than the control signal allowed.
+        InfeasibleLimitsError: friction and offset alone need the whole control signal that is allowed.
     """
     x = length_mm * _SAMPLES
     kinematic = limits.kinematic
-    geometry = axis_geometry(toolpath, kinematic.axis_matrix, s_rest_mm + sign * x)
+    geometry = axis_geometry(toolpath, kinematic.axis_matrix, s_standstill_mm + sign * x)
     root = np.cbrt(x)
     acceleration = geometry.g2 * root**4 + sign * 2.0 / 3.0 * geometry.g1 * root
     jerk = geometry.g3 * x**2 + sign * 2.0 * geometry.g2 * x + 2.0 / 9.0 * geometry.g1
@@ -80,7 +83,7 @@ def rest_scale_limit(
     ]
     velocity = geometry.g1 * root**2
     if limits.control is not None:
-        bounds.append(_control_bounds(limits, geometry, velocity, acceleration, s_rest_mm, scale))
+        bounds.append(_control_bounds(limits, geometry, velocity, acceleration, s_standstill_mm, scale))
     if limits.tracking is not None:
         tracking = limits.tracking
         terms = (
@@ -98,10 +101,10 @@ def _control_bounds(
     geometry: AxisGeometry,
     velocity: FloatArray,
     acceleration: FloatArray,
-    s_rest_mm: float,
+    s_standstill_mm: float,
     scale: float,
 ) -> FloatArray:
-    """Bounds of p from the control signal, shape (n_axes, n)."""
+    """Upper bounds of p from the limits of the control signal, shape (n_axes, n)."""
     control = limits.control
     assert control is not None
     constant = control.offset_volts[:, None] + control.coulomb_volts[:, None] * np.sign(geometry.g1)
@@ -113,7 +116,7 @@ def _control_bounds(
             "friction and offset alone need more than the control signal allowed; raise control_limit_volts",
             quantity="control",
             axis=limits.axis_names[axis],
-            s_mm=s_rest_mm,
+            s_mm=s_standstill_mm,
             ratio=float(np.max(needed)),
         )
     terms = (control.viscous_volts_s_mm[:, None] * velocity, control.inertia_volts_s2_mm[:, None] * acceleration)
@@ -141,7 +144,7 @@ def _crossings(terms: FloatArray, up: FloatArray, down: FloatArray) -> FloatArra
     degree, count = terms.shape
     found = np.empty(count)
     for n in range(count):
-        # Each term alone within its share of the limit is safe, and so is the sum.
+        # Where each term stays within an equal share of the limit, the sum stays within the limit.
         share, safe = min(up[n], down[n]) / degree, _UNLIMITED
         for power in range(degree):
             if terms[power, n] != 0.0:

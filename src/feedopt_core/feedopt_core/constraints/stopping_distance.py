@@ -17,7 +17,7 @@ def stopping_distance_mm(v_mm_s: float, a_mm_s2: float, j_mm_s3: float) -> float
 
 
 def longest_stop_mm(limits: KinematicLimits) -> float:
-    """Stopping distance of the weakest axis from its largest feedrate, mm."""
+    """Longest stopping distance of any axis from its largest velocity, mm."""
     feeds = np.minimum(limits.velocity_mm_s, limits.feed_mm_s)
     return max(
         stopping_distance_mm(float(v), float(a), float(j))

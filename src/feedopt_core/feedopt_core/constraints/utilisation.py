@@ -1,4 +1,4 @@
-"""How much of each limit a feed profile uses, span by span, on a grid finer than the optimisation's."""
+"""Utilisation of the limits by a feed profile, for each span, on a grid finer than that of the optimisation."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _AXIS_MODEL = record(
 
 
 class FineGrid:
-    """Places between knots at which limits are looked up, with the geometry of the axes there.
+    """Points between knots at which the utilisation is computed, with the geometry of the axes there.
 
     Args:
-        toolpath: holds the knots.
+        toolpath: contains all knots.
         axis_matrix: axis map.
         s_mm: increasing knots, shape (m + 1,).
     """

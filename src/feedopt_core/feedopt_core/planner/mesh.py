@@ -10,21 +10,21 @@ from feedopt_core.arrays import FloatArray
 from feedopt_core.geometry.toolpath import Toolpath
 
 GROWTH = 1.25
-"""Ratio of neighbouring knot spacings next to a point of rest, where q grows as s^(4/3)."""
+"""Ratio of neighbouring knot spacings next to a standstill, where q grows as s^(4/3)."""
 SPARE_GROWTH = 2.0
-"""The same next to the end of a stop that the next window replaces."""
+"""Ratio of neighbouring knot spacings next to the end of a stop that the next window is expected to replace."""
 _BEND_SHARE = 0.2
 _SMALLEST_RATIO = 0.004
 _DENSITY_SAMPLES = 17
-_LEAST_REST_MM = 1e-5
+_LEAST_ELEMENT_MM = 1e-5
 
 
 @dataclass(frozen=True)
 class KnotSpacing:
-    """How densely knots are set.
+    """Spacing of the knots along the path.
 
     Attributes:
-        toolpath: holds the window.
+        toolpath: contains the window.
         largest_mm: largest spacing.
     """
 
@@ -32,12 +32,12 @@ class KnotSpacing:
     largest_mm: float
 
     def at(self, s_mm: FloatArray) -> FloatArray:
-        """Spacing wanted at arc lengths, shape (n,): a part of the length over which the path bends."""
+        """Spacing at arc lengths, shape (n,), mm: a part of the length over which the path bends."""
         wanted = _BEND_SHARE * self.toolpath.bend_length_mm(s_mm)
         return np.clip(wanted, _SMALLEST_RATIO * self.largest_mm, self.largest_mm)
 
     def between_joints(self, joints_mm: FloatArray) -> FloatArray:
-        """Every joint and knots between them, shape (n,). They depend on the joints only, not on any window."""
+        """All joints and the knots between them, shape (n,), mm. They depend on the path only, not on the window."""
         low, widths = joints_mm[:-1], np.diff(joints_mm)
         z = np.linspace(0.0, 1.0, _DENSITY_SAMPLES)
         inside = np.clip(z, 1e-7, 1.0 - 1e-7)
@@ -56,78 +56,79 @@ def graded_knots(
     end_mm: float,
     spacing: KnotSpacing,
     *,
-    rest_start_mm: float | None,
-    rest_end_mm: float,
+    start_element_mm: float | None,
+    end_element_mm: float,
     spare_end: bool = False,
 ) -> FloatArray:
-    """Knots from start to end: every joint of the path, denser where it bends, graded towards rest.
+    """Knots of a window: every joint of the path, denser where the path bends and towards a standstill.
 
     Args:
         start_mm, end_mm: ends of the window.
-        spacing: of the regular knots.
-        rest_start_mm: length of the element that leaves rest at the start; None where the window starts in motion.
-        rest_end_mm: length of the element that comes to rest at the end.
-        spare_end: whether the stop at the end is only held in reserve, so that fewer knots do.
+        spacing: spacing of the regular knots.
+        start_element_mm: length of the standstill element at the start; None where the window starts in motion.
+        end_element_mm: length of the standstill element at the end.
+        spare_end: whether the stop at the end is only held in reserve; fewer knots are enough for it.
 
     Returns:
-        Increasing knots, shape (n,), first start_mm, last end_mm; the first (last) interval is the element at rest.
+        Increasing knots from start_mm to end_mm, shape (n,). The last interval is a standstill element, and so is the
+        first one where the window starts at standstill.
     """
-    room_mm = 0.5 * (end_mm - start_mm)
+    half_mm = 0.5 * (end_mm - start_mm)
     joints = spacing.toolpath.joints_mm(start_mm, end_mm)
     head = np.array([start_mm])
-    if rest_start_mm is not None:
-        head = start_mm + _graded_distances(start_mm, +1, rest_start_mm, room_mm, spacing, joints - start_mm, GROWTH)
+    if start_element_mm is not None:
+        head = start_mm + _graded_distances(start_mm, +1, start_element_mm, half_mm, spacing, joints - start_mm, GROWTH)
     growth = SPARE_GROWTH if spare_end else GROWTH
-    tail = _graded_distances(end_mm, -1, rest_end_mm, room_mm, spacing, (end_mm - joints)[::-1], growth)
+    tail = _graded_distances(end_mm, -1, end_element_mm, half_mm, spacing, (end_mm - joints)[::-1], growth)
     tail = (end_mm - tail)[::-1]
     regular = spacing.between_joints(joints)
     regular = regular[(regular > head[-1]) & (regular < tail[0])]
-    # The regular intervals next to the graded ends are cut short, but not to a sliver.
+    # The graded ends cut the regular intervals next to them; a knot that would leave a very short interval is dropped.
     gap = 0.3 * spacing.at(np.array([head[-1], tail[0]]))
     keep = np.isin(regular, joints) | ((regular > head[-1] + gap[0]) & (regular < tail[0] - gap[1]))
     return np.concatenate([head, regular[keep], tail])
 
 
 def _graded_distances(
-    rest_mm: float,
+    standstill_mm: float,
     sign: int,
     first_mm: float,
-    room_mm: float,
+    half_mm: float,
     spacing: KnotSpacing,
     joints: FloatArray,
     growth: float,
 ) -> FloatArray:
-    """Distances of knots from rest, increasing: the element at rest, then growing up to the regular spacing.
+    """Distances of knots from a standstill, increasing: the standstill element, then growing to the regular spacing.
 
     Args:
-        rest_mm: arc length of rest.
-        sign: +1 where the window lies above it, -1 below.
-        first_mm: wanted length of the element at rest; it is cut where the path bends sharply or has a joint.
-        room_mm: the knots stay within 0.8 of it.
-        spacing: of the regular knots.
-        joints: distances of joints from rest, increasing; each behind the element at rest is a knot.
+        standstill_mm: arc length of the standstill.
+        sign: +1 where the window lies at larger arc lengths than the standstill, -1 at smaller ones.
+        first_mm: largest length of the standstill element; it is shorter where the path bends sharply or has a joint.
+        half_mm: half the length of the window; the knots stay within 0.8 of it.
+        spacing: spacing of the regular knots.
+        joints: distances of joints from the standstill, increasing; each one beyond the standstill element is a knot.
         growth: ratio of neighbouring spacings.
     """
-    ahead = joints[joints > _LEAST_REST_MM]
-    # The spacings grow to the regular one within this reach (a geometric series), so one look at the path is enough.
-    reach_mm = min(0.8 * room_mm, spacing.largest_mm * growth / (growth - 1.0))
-    distances = np.linspace(min(_LEAST_REST_MM, reach_mm), reach_mm, _DENSITY_SAMPLES * 4)
-    wanted_mm = spacing.at(rest_mm + sign * distances)
-    first_mm = min(first_mm, 0.2 * room_mm, float(wanted_mm[0]), float(ahead[0]) if len(ahead) else np.inf)
+    ahead = joints[joints > _LEAST_ELEMENT_MM]
+    # Within this distance the spacings grow to the regular one (a geometric series): the path is evaluated once, here.
+    reach_mm = min(0.8 * half_mm, spacing.largest_mm * growth / (growth - 1.0))
+    distances = np.linspace(min(_LEAST_ELEMENT_MM, reach_mm), reach_mm, _DENSITY_SAMPLES * 4)
+    wanted_mm = spacing.at(standstill_mm + sign * distances)
+    first_mm = min(first_mm, 0.2 * half_mm, float(wanted_mm[0]), float(ahead[0]) if len(ahead) else np.inf)
     knots, step = [0.0, first_mm], first_mm
     while step * growth < float(np.interp(knots[-1], distances, wanted_mm)):
         step *= growth
-        if knots[-1] + step > 0.8 * room_mm:
+        if knots[-1] + step > 0.8 * half_mm:
             break
         knots.append(knots[-1] + step)
     inside = joints[(joints > first_mm) & (joints < knots[-1])]
     if not len(inside):
         return np.array(knots)
-    # A joint takes the place of the knots close to it.
+    # A joint replaces the knots close to it.
     graded = np.array(knots[2:-1])
-    room = 0.3 * np.minimum(np.diff(knots)[1:-1], np.diff(knots)[2:])
+    clearance = 0.3 * np.minimum(np.diff(knots)[1:-1], np.diff(knots)[2:])
     near = np.min(np.abs(graded[:, None] - inside), axis=1)
-    return np.unique(np.concatenate([[0.0, first_mm], graded[near > room], inside, knots[-1:]]))
+    return np.unique(np.concatenate([[0.0, first_mm], graded[near > clearance], inside, knots[-1:]]))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What a planning method is asked for and what it answers: one window of the path, from a state to rest."""
+"""Interface of the planning methods: a window of the path as input, its plan as output."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from feedopt_core.motion.profile import FeedProfile
 
 @dataclass(frozen=True)
 class StartState:
-    """State the window continues from.
+    """State in which a window starts in motion.
 
     Attributes:
         q_mm2_s2: feedrate squared, above zero.
@@ -24,13 +24,14 @@ class StartState:
 
 @dataclass(frozen=True)
 class Window:
-    """A part of the path that ends at rest.
+    """A part of the path that ends at standstill.
 
     Attributes:
         start_mm, end_mm: arc lengths of its ends.
-        start: state at its start; None is rest.
-        spare_end: whether the stop at the end is only held in reserve: the next window replaces it unless it fails.
-        guess: a profile that starts in the same state and may cover a part of the window (the stop committed before).
+        start: state at its start; None for standstill.
+        spare_end: whether the stop at the end is only held in reserve: the next window replaces it unless that fails.
+        guess: a profile that starts in the same state and may cover only a part of the window: the stop that the last
+            chunk holds in reserve.
     """
 
     start_mm: float
@@ -42,7 +43,7 @@ class Window:
 
 @dataclass(frozen=True)
 class WindowPlan:
-    """Profile from the window's start to rest at its end, with the figures of the solver that found it."""
+    """Feed profile from the start of the window to standstill at its end, with the figures of its solver."""
 
     profile: FeedProfile
     solver: str
@@ -52,7 +53,7 @@ class WindowPlan:
 
 
 class PlanningMethod(Protocol):
-    """A way of planning one window. Implementations hold their limits and settings, never state between windows."""
+    """A method of planning one window. Implementations hold limits and settings, but no state between windows."""
 
     @property
     def name(self) -> str:
@@ -60,7 +61,7 @@ class PlanningMethod(Protocol):
 
     @property
     def stopping_mm(self) -> float:
-        """Distance within which the machine stops from its largest feedrate; window sizes follow from it."""
+        """Distance in which the machine stops from its largest feedrate, mm; window lengths follow from it."""
 
     @property
     def whole_path(self) -> bool:
@@ -71,5 +72,5 @@ class PlanningMethod(Protocol):
 
         Raises:
             InfeasibleLimitsError: no motion within the limits exists.
-            SolverError: the optimiser found none.
+            SolverError: the optimiser found no motion within the limits.
         """

@@ -1,4 +1,22 @@
-"""The planning methods by name."""
+"""The planning methods by name. Each plans one window of the path, from its start state to standstill at its end.
+
+``lp``
+    Minimum motion time under velocity, acceleration and jerk limits of each axis. Where the machine has a drive or
+    tracking model, these limits are lowered so far that control signal and tracking error hold in the worst case.
+    Solved by the interior point in ``solver/``, with a quadratic B-spline for q(s).
+``lp_nlp``
+    Minimum motion time as ``lp``, but control signal and tracking error are limits themselves, so that the machine is
+    used better. Same solver. Where it fails on a window, it is run again with cautious steps on a finer mesh, started
+    from the plan of ``lp`` if that exists. Where this fails too, the plan of ``lp`` is taken. This is the default.
+``oneshot``
+    As ``lp_nlp``, but every window reaches to the end of the program or to the next exact stop, on a mesh with a
+    quarter of the knot spacing. It waits for the path up to there. It is the reference for the motion time that
+    shorter windows lose.
+``thesis``
+    The formulation of the dual-windowing thesis, for comparison: a linear program that maximises the integral of q,
+    solved by HiGHS; from its result a nonlinear program that maximises the integral of v under control signal and
+    tracking error, solved by SQP, or by Ipopt where SQP fails; where both fail, the result of the linear program.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +32,7 @@ from feedopt_core.planner.time_optimal.method import TimeOptimalMethod
 MethodFactory = Callable[[Machine, float], PlanningMethod]
 """Makes a method from the machine and the largest knot spacing in mm."""
 _ONESHOT_REFINEMENT = 4.0
-"""The reference works on a mesh so much finer: its time is within 0.1 % of what still finer ones reach."""
+"""Knot spacing of the other methods over that of ``oneshot``, whose time is within 0.1 % of that of finer meshes."""
 
 
 def _lp(machine: Machine, knot_spacing_mm: float) -> PlanningMethod:
@@ -31,7 +49,7 @@ def _oneshot(machine: Machine, knot_spacing_mm: float) -> PlanningMethod:
 
 
 def _thesis(machine: Machine, knot_spacing_mm: float) -> PlanningMethod:
-    # No other method needs CasADi, which takes a tenth of a second to import and has no rosdep key.
+    # Imported here: no other method needs CasADi, which takes a tenth of a second to import and has no rosdep key.
     from feedopt_core.planner.thesis.method import ThesisMethod
     from feedopt_core.planner.thesis.program import load_casadi
 
@@ -40,7 +58,7 @@ def _thesis(machine: Machine, knot_spacing_mm: float) -> PlanningMethod:
 
 
 def _safe_limits(machine: Machine) -> MotionLimits | None:
-    """Kinematic limits that keep the drives' limits; None where there are none of those."""
+    """Kinematic limits under which the drive limits hold in the worst case; None where the machine has no models."""
     derived = derived_limits(machine)
     driven = machine.drive is not None or machine.tracking is not None
     return MotionLimits(machine.axis_names, derived) if driven else None
@@ -54,7 +72,7 @@ def make_method(name: str, machine: Machine, knot_spacing_mm: float) -> Planning
     """Planning method by its name on the command line.
 
     Raises:
-        ConfigError: no such method, or what it needs is not installed.
+        ConfigError: the name is unknown, or a package that the method needs is not installed.
         InfeasibleLimitsError: the machine's limits leave no motion at all.
     """
     if name not in _FACTORIES:

@@ -1,8 +1,9 @@
-"""Windowed planning of a path as it arrives.
+"""Windowed planning of a path while it arrives.
 
-Every window is planned from the committed state to rest at the end of the path that is known (or at the next exact
-stop). Only its first part is committed; the rest is the stop that comes with it. So what is committed always ends in a
-feasible stop, whatever happens to the stream, the solver or the time it takes; docs/decisions/ holds the argument.
+Every window is planned from the committed state to standstill at the end of the window (or at the next exact stop).
+Only its first part is committed; the remaining part is the stop held in reserve. So the committed motion always ends
+in a feasible stop, even if no more path arrives, the solver fails or planning takes too long. The reasoning is in
+docs/decisions/.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from feedopt_core.planner.methods import METHOD_NAMES, make_method
 from feedopt_core.schema import parameter
 
 _STOPS_OF_LOOK_AHEAD = 1.6
-"""Out of a turn that takes all of the acceleration a stop is pi/2 times as long as on a straight line."""
+"""In a turn that uses all of the acceleration, a stop is pi/2 times as long as on a straight line."""
 _STOPS_OF_COMMITMENT = 6.0
 _LEAST_LOOK_AHEAD_MM = 5.0
 _HALVINGS = 6
@@ -41,7 +42,7 @@ class PlannerParameters:
         "Largest knot spacing of q(s).", default=0.25, unit="mm", at_least=1e-3, at_most=100.0
     )
     look_ahead_mm: float = parameter(
-        "Path behind what is committed; 0: from the stopping distance.",
+        "Path planned beyond the committed part; 0: from the stopping distance.",
         default=0.0,
         unit="mm",
         at_least=0.0,
@@ -58,7 +59,7 @@ class PlannerParameters:
 
 @dataclass(frozen=True)
 class _Committed:
-    """End of what is committed: where, when, in which state, and the stop that continues it."""
+    """End of the committed motion: arc length, time, state there, and the stop that continues it."""
 
     s_mm: float = 0.0
     t_s: float = 0.0
@@ -73,7 +74,7 @@ class StreamPlanner:
     Args:
         machine: limits and drive model.
         parameters: see PlannerParameters.
-        method: planning method; None makes the one the parameters name.
+        method: planning method; None: the one that the parameters name.
 
     Raises:
         ConfigError: unknown method.
@@ -108,12 +109,12 @@ class StreamPlanner:
         return self._last_segment
 
     def add_segment(self, segment: Segment) -> None:
-        """Take in the next segment. Raises ToolpathError where it does not join the one before."""
+        """Append the next segment. Raises ToolpathError where it does not start at the end of the one before."""
         self.toolpath.append(segment)
         self._last_segment = segment.place.sequence
 
     def discard_before(self, s_mm: float) -> None:
-        """Forget path and stops that the interpolator has left behind."""
+        """Drop path and stops that the interpolator has passed."""
         self.toolpath.discard_before(min(s_mm, self._committed.s_mm))
         self._stops = {sequence: stop for sequence, stop in self._stops.items() if stop[0] >= s_mm}
 
@@ -122,7 +123,7 @@ class StreamPlanner:
 
         Raises:
             InfeasibleLimitsError: no motion within the limits exists from the committed state.
-            SolverError: at rest, and not even a short part of the path ahead has a plan.
+            SolverError: the machine is at standstill, and no plan was found even for a short part of the path ahead.
         """
         target = self._target()
         if target is None:
@@ -135,7 +136,7 @@ class StreamPlanner:
                 failure = error
                 continue
             chunk, worst = self._chunk(plan, commit_all, shortened, time.perf_counter() - began)
-            # Not a number must not pass either.
+            # Written so that NaN fails as well.
             if worst <= ALLOWED_RATIO:
                 self._commit(chunk)
                 return chunk
@@ -143,7 +144,7 @@ class StreamPlanner:
         if self._committed.stop is None:
             assert failure is not None
             raise failure
-        # The stop committed before is a plan that was audited: go on with it and plan again from rest.
+        # The stop in reserve has passed its audit: commit it, and plan the next window from its standstill.
         stop = WindowPlan(self._committed.stop, "stop", 0, 0, 0)
         chunk, worst = self._chunk(stop, target[2], True, time.perf_counter() - began)
         if not worst <= ALLOWED_RATIO:
@@ -152,27 +153,28 @@ class StreamPlanner:
         return chunk
 
     def _windows(self, start_mm: float, end_mm: float, commit_all: bool) -> Iterator[tuple[Window, bool, bool]]:
-        """Windows to try, each with whether all of it may be committed and whether it was shortened.
+        """Windows to try, each with two flags: all of it may be committed; it was shortened.
 
-        In motion only the first counts: behind it stands the committed stop. At rest there is none, so a window without
-        a plan is halved: where numbers get in the way of a long one, a few of its parts still have theirs.
+        In motion there is one window to try, because the stop in reserve is the fallback. At standstill there is no
+        such stop, so a window without a plan is halved several times: where the solver fails on a long window for
+        numerical reasons, it may still find a plan for a short one.
         """
-        at_rest = self._committed.stop is None and not self._method.whole_path
-        for halvings in range(_HALVINGS + 1 if at_rest else 1):
+        at_standstill = self._committed.stop is None and not self._method.whole_path
+        for halvings in range(_HALVINGS + 1 if at_standstill else 1):
             shortened = halvings > 0
-            # Not by the difference where it is whole: the sum may miss an exact stop by the last bit.
+            # The whole window ends at end_mm itself: start plus difference may miss an exact stop by the last bit.
             end = start_mm + (end_mm - start_mm) / 2**halvings if shortened else end_mm
             spare_end = not commit_all and not shortened
             window = Window(start_mm, end, self._committed.state, self._committed.stop, spare_end=spare_end)
             yield window, commit_all or shortened, shortened
 
     def restart_after_stop(self, chunk_sequence: int) -> None:
-        """Plan on from rest where a chunk's stop ended: the machine took it because no further chunk came in time.
+        """Continue from the standstill at the end of a chunk's stop. The machine took it, as no chunk came in time.
 
-        Chunks planned behind that stop are void; the interpolator refuses them. Where the chunk itself ended at rest,
-        the next one starts there anyway and nothing changes.
+        Chunks planned to replace that stop are void; the interpolator refuses them. Where the chunk itself ended at
+        standstill, the next one starts there anyway and nothing changes.
         """
-        # Taken out: the machine takes a stop once, however often it is told of.
+        # Removed here: the machine takes a stop once, but may report it several times.
         stop = self._stops.pop(chunk_sequence, None)
         if stop is None:
             return
@@ -190,7 +192,7 @@ class StreamPlanner:
         stops = stops[stops > start_mm]
         if self.toolpath.complete:
             stops = np.append(stops, known_mm)
-        # A window that nearly reaches a stop goes all the way: no short window is left behind.
+        # A window that nearly reaches a stop is extended to it, so that no short window is left over.
         if len(stops) and (self._method.whole_path or stops[0] - start_mm <= window_mm + self._look_ahead_mm):
             return start_mm, float(stops[0]), True
         if self._method.whole_path or known_mm - start_mm < window_mm:
@@ -198,7 +200,7 @@ class StreamPlanner:
         return start_mm, start_mm + window_mm, False
 
     def _chunk(self, plan: WindowPlan, commit_all: bool, fallback: bool, solve_time_s: float) -> tuple[Chunk, float]:
-        """Chunk of a plan with its certificate, and the worst ratio of that."""
+        """Chunk of a plan with its certificate, and the largest ratio in the certificate."""
         profile, began = plan.profile, time.perf_counter()
         report = audit_profile(self.toolpath, profile, self.machine, self._committed.t_s)
         certificate = Certificate.of(report, self.machine)
@@ -239,7 +241,7 @@ class StreamPlanner:
         state = None if stop is None else StartState(float(stop.q_mm2_s2[0]), float(stop.dq_ds_mm_s2[0]))
         t_s = chunk.t_commit_s + chunk.dwell_s
         self._committed = _Committed(chunk.s_commit_mm, t_s, state, stop, chunk.sequence)
-        # A fallback commits the stop of the chunk before: from now on the next chunk starts there in any case.
+        # A fallback commits the stop of the chunk before. The next chunk starts at its end in any case.
         self._stops = {sequence: end for sequence, end in self._stops.items() if end[0] != chunk.s_commit_mm}
         if stop is not None:
             self._stops[chunk.sequence] = (chunk.s_stop_mm, chunk.t_start_s + chunk.profile.duration_s)

@@ -1,19 +1,20 @@
 """Primal-dual interior point for minimum-time feed profiles on a quadratic B-spline.
 
-The unknowns are the control points c of q(s) = feedrate^2; on span k only ``c[k], c[k+1], c[k+2]`` count. Every
-inequality stands in one span, so the normal matrix is pentadiagonal and one iteration costs time linear in the number
-of spans.
+The unknowns are the control points c of q(s) = feedrate^2; q on span k depends on ``c[k], c[k+1], c[k+2]`` only. Every
+inequality belongs to one span. So the normal matrix is pentadiagonal, and the time of one iteration is linear in the
+number of spans.
 
     minimise    sum over quadrature points of weight / sqrt(q)          (the motion time; convex)
     subject to  two-sided rows at every point, see ``interior_point_kernel``
 
-Rows are linearised anew in every iteration, with exact residuals. The normal matrix holds their exact curvature; where
-that makes it indefinite, their convex part. Mehrotra's predictor and corrector (Wright, Primal-Dual Interior-Point
-Methods, ch. 10) with infeasible start. The problem is not convex: the result is a stationary point.
+Rows are linearised anew in every iteration, with exact residuals. The normal matrix contains their exact curvature;
+where that makes it indefinite, only the convex part. The method is Mehrotra's predictor-corrector (Wright, Primal-Dual
+Interior-Point Methods, ch. 10) with infeasible start. The problem is not convex: the result is a stationary point.
 
-Few rows come near their limits. So all count until the duality gap is small, then only those near theirs. What that
-finds must obey the others too; else all count around those that it exceeds, and it goes on from where the gap was
-small. An optimum on a part of the rows that obeys all of them is one on all.
+Few rows come near their limits. So all rows are used until the duality gap is small, then only those near their limits.
+If the result violates one of the other rows, all rows of the spans around it are added, and the iterations continue
+from the iterate at which the gap became small. An optimum on a part of the rows that violates no other row is also an
+optimum on all rows.
 """
 
 from __future__ import annotations
@@ -50,20 +51,21 @@ _FIRST_GAP = 0.6
 _LEAST_SLACK = 0.5
 """Least slack of the first iterate."""
 _RESTART_GAP = 0.02
-"""Duality gap from which on few rows count; the iterate still has slack for limits that are lowered a little."""
+"""Duality gap below which only rows near their limits are used. The iterate there still has slack, so that it can
+serve for a restart after limits were lowered a little."""
 _NEAR = 0.7
-"""Slack of a row, as a part of its limit, up to which it counts at that gap."""
+"""Slack of a row at that gap, as a part of its limit, up to which the row is used."""
 _AT_A_LIMIT = 0.03
-"""Slack of a row at a limit, at that gap."""
+"""Slack of a row at that gap, as a part of its limit, up to which the row counts as being at its limit."""
 _AROUND = 8
-"""Spans on either side of a violated one whose rows all count from then on."""
+"""Number of spans on each side of a violated row whose rows are all used afterwards."""
 _SELECTIONS = 5
-"""Selections of rows that are tried before all count."""
+"""Number of selections of rows that are tried before all rows are used."""
 _RESTART_SPREAD = 10.0
 """Largest ratio of a product of slack and multiplier to their mean at a restart."""
 _GOOD_ENOUGH, _USABLE = 1e-3, 0.1
-"""Duality gap and dual residual of a feasible iterate that is taken when the iterations run out, the latter by a
-cautious solve: a feasible plan that is a little slow is better than a stop."""
+"""Duality gap and dual residual up to which a feasible iterate is accepted when the iterations run out; the second
+value is for a cautious solve. A feasible plan that is a little slow is better than a stop."""
 _FAILURES = {
     OUT_OF_ITERATIONS: "no convergence",
     DIVERGED: "the iterations diverged or stalled",
@@ -80,12 +82,12 @@ class FixedStart:
 
 
 @dataclass(frozen=True)
-class RestEnd:
-    """The profile meets an element of constant jerk from or to rest: the outer control point is ``inner / ratio``.
+class StandstillEnd:
+    """The profile joins a standstill element of constant jerk: the outer control point is ``inner / ratio``.
 
     Attributes:
         ratio: inner over outer control point, above 1.
-        outer_limit: upper bound of the outer control point, mm^2/s^2 (the limits of the element).
+        outer_limit: upper bound of the outer control point, mm^2/s^2; it follows from the limits on the element.
     """
 
     ratio: float
@@ -97,12 +99,12 @@ class TimeProblem:
     """Minimum motion time over m spans: rows with the quadrature of the objective, and the states at both ends."""
 
     rows: Rows
-    start: FixedStart | RestEnd
-    end: RestEnd
+    start: FixedStart | StandstillEnd
+    end: StandstillEnd
 
 
 class Pairs(NamedTuple):
-    """Slacks of some sides and the multipliers that belong to them, of one shape."""
+    """Slacks of some sides of rows, and their multipliers, of equal shape."""
 
     slack: FloatArray
     dual: FloatArray
@@ -110,13 +112,13 @@ class Pairs(NamedTuple):
 
 @dataclass(frozen=True)
 class Restart:
-    """An iterate on the way to a solution, for problems that differ from that one in lower limits only.
+    """An iterate on the way to a solution, to start a problem that differs only by lower limits.
 
     Attributes:
         c: control points, shape (m + 2,).
-        index: places of its rows among those of all points, increasing, shape (n,).
-        sides: of these rows, shape (n, 2).
-        ends: of the limits of the outer control points, shape (2,).
+        index: indices of its rows among the rows of all points, increasing, shape (n,).
+        sides: slacks and multipliers of these rows, shape (n, 2).
+        ends: slacks and multipliers of the limits of the outer control points, shape (2,).
     """
 
     c: FloatArray
@@ -148,15 +150,16 @@ def minimise_time(
 
     Args:
         problem: objective, inequalities and end states.
-        initial: control points with q > 0 at every quadrature point, shape (m + 2,), need not be feasible; or where
-            to restart from.
-        cautious: take the convex part of the curvature and shorter steps in every iteration.
+        initial: control points with q > 0 at every quadrature point, shape (m + 2,), which need not be feasible; or an
+            iterate to restart from.
+        cautious: use the convex part of the curvature and shorter steps in every iteration.
         tolerance: relative duality gap and dual residual to reach.
-        feasibility: largest violation of a row to leave.
-        max_iterations: then a feasible iterate close to the optimum is taken too (less close when cautious).
+        feasibility: largest violation of a row that is accepted.
+        max_iterations: number of iterations after which a feasible iterate close to the optimum is accepted too (less
+            close when cautious).
 
     Raises:
-        SolverError: no convergence; the limits may be infeasible. The message holds the residuals.
+        SolverError: no convergence; the limits may be infeasible. The message gives the residuals.
     """
     return _InteriorPoint(problem, initial).solve(Settings(cautious, tolerance, feasibility, max_iterations))
 
@@ -172,7 +175,7 @@ class _Found(NamedTuple):
 
 
 class _InteriorPoint:
-    """One problem, its rows packed, and the iterate that it starts from."""
+    """One problem with its packed rows and its first iterate."""
 
     def __init__(self, problem: TimeProblem, initial: FloatArray | Restart) -> None:
         start, end = problem.start, problem.end
@@ -204,7 +207,10 @@ class _InteriorPoint:
         return int(np.count_nonzero(rows.inverse_limits)) + end_limits
 
     def _known(self, restart: Restart) -> Pairs:
-        """Slacks and multipliers of a restart on the rows of this problem; none where it had no such row."""
+        """Slacks and multipliers of a restart for the rows of this problem.
+
+        Rows that the restart lacks get the least slack and the multiplier 0.
+        """
         place = np.minimum(np.searchsorted(restart.index, self.index), len(restart.index) - 1)
         same, known = (restart.index[place] == self.index)[:, None], restart.sides
         return Pairs(np.where(same, known.slack[place], _LEAST_SLACK), np.where(same, known.dual[place], 0.0))
@@ -225,14 +231,18 @@ class _InteriorPoint:
             return TimeSolution(last.c, iterations, self.size, restart)
         raise SolverError(
             f"{_FAILURES[found.end]} after {iterations} iterations over {len(last.c)} control points: "
-            f"gap {found.gap:.1e}, dual residual {found.dual:.1e}, limits exceeded by {found.violation:.1e}"
+            f"gap {found.gap:.1e}, dual residual {found.dual:.1e}, largest violation {found.violation:.1e}"
         )
 
     def _refine(self, start: Restart, settings: Settings) -> tuple[_Found, Restart, int]:
-        """Iterate on the rows near their limits until none of the others is exceeded, else on all; all iterations."""
+        """Iterate on the rows near their limits until no other row is violated, else on all rows.
+
+        Returns:
+            How the last run ended, its iterate, and the number of iterations of all runs.
+        """
         iterations, first_of_spans = 0, self.rows.first[:, 0]
         slack = np.min(start.sides.slack, axis=1, where=self.rows.inverse_limits != 0.0, initial=np.inf)
-        # The fastest motion is at some limit everywhere. Where it is close to none yet, any may turn out to be the one.
+        # The fastest motion is at some limit everywhere. In a span where no row is at its limit yet, any may get there.
         near = (slack < _NEAR) | self._of_spans(np.minimum.reduceat(slack, first_of_spans) > _AT_A_LIMIT)
         for _ in range(_SELECTIONS):
             found, last = self._iterate(start, near, settings)
@@ -249,11 +259,11 @@ class _InteriorPoint:
         return found, last, iterations + found.iterations
 
     def _of_spans(self, spans: BoolArray) -> BoolArray:
-        """Rows of some spans, shape (m,) to (n,)."""
+        """Marks on spans, shape (m,), as marks on their rows, shape (n,)."""
         return np.repeat(spans, np.sum(self.rows.counts, axis=1))
 
     def _iterate(self, start: Restart, kept: BoolArray | None, settings: Settings) -> tuple[_Found, Restart]:
-        """Iterate on some rows, shape (n,), or on all; the last iterate holds those only."""
+        """Iterate on the rows marked in ``kept``, shape (n,), or on all; the last iterate contains only these rows."""
         rows, index, known = self.rows, self.index, start.sides
         if kept is not None:
             rows, index, known = part(rows, kept), index[kept], Pairs(known.slack[kept], known.dual[kept])
@@ -268,18 +278,18 @@ class _InteriorPoint:
 
 
 def _pairs(sides: RecordArray) -> Pairs:
-    """A copy of the slacks and multipliers of sides."""
+    """Copy of the slacks and multipliers of sides."""
     return Pairs(sides["slack"].copy(), sides["dual"].copy())
 
 
 def _first(slack: FloatArray, barrier: float) -> Pairs:
-    """Slacks and multipliers of a first iterate, from the slack that it has by the limits."""
+    """Slacks and multipliers of a first iterate, from its slack to the limits."""
     slack = np.maximum(slack, _LEAST_SLACK)
     return Pairs(slack, barrier / slack)
 
 
 def _centred(known: Pairs, slack: FloatArray, barrier: float) -> Pairs:
-    """The slacks raised to those that the limits leave, the multipliers kept close to what belongs to them."""
+    """Slacks, raised where the limits leave more slack, and multipliers, kept close to the central path."""
     slack = np.maximum(known.slack, slack)
     mean = barrier / slack
     return Pairs(slack, np.clip(known.dual, mean / _RESTART_SPREAD, mean * _RESTART_SPREAD))

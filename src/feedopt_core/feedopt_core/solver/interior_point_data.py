@@ -1,4 +1,4 @@
-"""What the interior point works on: rows, ends, iterate and linear system."""
+"""Data of the interior point: rows, ends, iterate and linear system."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from typing import NamedTuple
 from feedopt_core.arrays import FloatArray, IntArray, RecordArray, record
 
 VALUE, SLOPE, BEND = 0, 1, 2
-"""Places of q, q' and q'' in ``Rows.basis``."""
+"""Indices of q, q' and q'' in ``Rows.basis``."""
 UP, DOWN = 0, 1
 """The sides of a row: y <= limit_up and -limit_down <= y."""
 ROW = record(on_q="f8", on_slope="f8", on_root_q="f8", on_root_slope="f8", on_root_bend="f8", on_root="f8")
 """Factors in a row of q, q', sqrt(q) q, sqrt(q) q', sqrt(q) q'' and sqrt(q)."""
 LINEARISED = record(on_slope="f8", on_bend="f8")
-"""Factors of q' and q'' in both sides of a linearised row, but for the sign and the limit of a side."""
+"""Factors of q' and q'' in a linearised row, before the sign and the limit of a side are applied."""
 SIDE = record(
     slack="f8", dual="f8", residual="f8", on_q="f8", d_slack="f8", d_dual="f8", second_order="f8", padding="f8"
 )
 """State of one side of a row: slack, multiplier, residual, factor of q, steps of slack and multiplier, and the product
-of those of the predictor. It fills one cache line."""
+of the two steps of the predictor. The padding makes it one cache line of 64 bytes."""
 
 
 class Rows(NamedTuple):
-    """Two-sided rows at p points of m spans, n a point; see the module.
+    """Two-sided rows at p points of each of m spans, n rows at each point.
 
     Attributes:
         basis: q, q' and q'' (VALUE, SLOPE, BEND) by the three control points of the span, shape (m, p, 3, 3).
@@ -40,7 +40,7 @@ class Rows(NamedTuple):
 
 
 class PackedRows(NamedTuple):
-    """The rows that have a limit, point by point, in one piece of memory.
+    """The rows that have a limit, in the order of the points, in contiguous memory.
 
     Attributes:
         basis, weights_mm: as those of :class:`Rows`.
@@ -85,9 +85,9 @@ class System(NamedTuple):
     Attributes:
         gradient: of the Lagrangian, shape (m + 2,).
         right: right side of the predictor, then of the corrector, shape (m + 2,).
-        centre: what the right side gains for each unit of the complementarity aimed at, shape (m + 2,).
+        centre: derivative of the right side by the target of slack times multiplier, shape (m + 2,).
         band: normal matrix with the exact curvature of all limits, by columns MAIN, FIRST, SECOND, shape (m + 2, 3).
-        convex: what turns that curvature into its convex part, shape (m + 2, 3).
+        convex: correction that reduces that curvature to its convex part, shape (m + 2, 3).
     """
 
     gradient: FloatArray
@@ -98,9 +98,10 @@ class System(NamedTuple):
 
 
 class Ends(NamedTuple):
-    """Elimination of the end control points: ``c[0] = c[1] / start_ratio`` (0: c[0], c[1] are given), same at the end.
+    """Elimination of the end control points: ``c[0] = c[1] / start_ratio``, and likewise at the end.
 
-    The outer control points have limits, given by their inverse (0: none).
+    A ratio of 0 means that both control points are given. The limits of the outer control points are given by their
+    inverse; 0 means no limit.
     """
 
     start_ratio: float
@@ -110,7 +111,7 @@ class Ends(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """When the iterations end, and whether they take cautious steps; see ``minimise_time``."""
+    """Conditions for the end of the iterations, and whether the steps are cautious; see ``minimise_time``."""
 
     cautious: bool
     tolerance: float

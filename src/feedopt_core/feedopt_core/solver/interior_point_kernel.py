@@ -1,6 +1,6 @@
 """The passes of the interior point over spans, points, rows and sides, compiled.
 
-At every point of every span stand n two-sided rows, functions of q, q' and q'' there. With x = (q, q', q'') and
+Every point of every span has n two-sided rows. They are functions of q, q' and q'' there. With x = (q, q', q'') and
 D = linear + sqrt(q) bend,
 
     y = linear x + sqrt(q) (root + bend x),    -limit_down <= y <= limit_up
@@ -41,13 +41,14 @@ CONVERGED, OUT_OF_ITERATIONS, DIVERGED, INDEFINITE = 0, 1, 2, 3
 _STEP_TO_BOUNDARY, _CAUTIOUS_STEP_TO_BOUNDARY = 0.995, 0.9
 _Q_STEP_TO_ZERO = 0.9
 _DIVERGED = 1e8
-"""Dual residual at which no solution is to be hoped for."""
+"""Dual residual above which the iterations are given up."""
 _SHORT, _RECENTRE = 0.2, 0.5
-"""After a step shorter than this the next one aims at this part of the gap, without second-order terms."""
+"""After a step shorter than the first value, the next one aims at the second value times the gap, without second-order
+terms."""
 _STALLED, _MOST_STALLS = 1e-3, 8
-"""So many primal steps in a row shorter than this lead nowhere."""
+"""Length of a stalled primal step, and the number of such steps in a row after which the iterations are given up."""
 _CENTRALITY = 0.5
-"""Least duality gap of all sides to aim at, as a part of the dual residual: a gap far below it makes short steps."""
+"""Least target of the duality gap, as a part of the dual residual: a gap far below the residual makes steps short."""
 
 
 @compiled
@@ -62,10 +63,10 @@ def _assemble(  # noqa: PLR0915 -- scalars
 ) -> tuple[float, float, float]:
     """Residuals, gradient, right side of the predictor and normal matrix, after the last steps of slacks and duals.
 
-    A slack rises to what y leaves of the limit.
+    A slack is raised where y leaves more of the limit than that.
 
     Returns:
-        Motion time (not a number where q is not positive), sum of slack times multiplier, largest violation of a limit.
+        Motion time (NaN where q is not positive), sum of slack times multiplier, largest violation of a limit.
     """
     basis, weights, first, counts, coefficients, limits, over_root = rows
     gradient, right, _, band, convex = system
@@ -174,7 +175,7 @@ def _assemble(  # noqa: PLR0915 -- scalars
 
 @compiled
 def _add_ends(ends: Ends, at: Iterate, system: System, primal: float, dual_step: float) -> tuple[float, float]:
-    """The same for the limits of the outer control points; returns their part of gap and violation."""
+    """Do the work of :func:`_assemble` for the limits of the outer control points; returns their gap and violation."""
     gap = violation = 0.0
     last = len(at.c) - 1
     for end in range(2):
@@ -198,12 +199,12 @@ def _add_ends(ends: Ends, at: Iterate, system: System, primal: float, dual_step:
 def _predict(
     rows: PackedRows, ends: Ends, at: Iterate, system: System, step: FloatArray, weight: float
 ) -> tuple[float, float, float, float]:
-    """Look along the predictor: turns the right side into the corrector's and sets its centre.
+    """Evaluate the predictor step: replaces the right side by that of the corrector and sets its centre.
 
     ``weight`` is that of the second-order terms: 1, or 0 to leave them out.
 
     Returns:
-        Smallest and largest step of a slack by that slack; sums of d_slack * dual and of d_slack * d_dual.
+        Smallest and largest ratio of a slack's step to the slack; sums of d_slack * dual and of d_slack * d_dual.
     """
     basis, first, counts, limits = rows.basis, rows.first, rows.counts, rows.inverse_limits
     _, right, centre, _, _ = system
@@ -278,7 +279,7 @@ def _predict(
 
 @compiled
 def _correct(rows: PackedRows, ends: Ends, at: Iterate, step: FloatArray, target: float) -> tuple[float, float, float]:
-    """Steps of slacks and multipliers along the corrector; longest primal, dual and q step as inverse ratios."""
+    """Set the corrector's steps of slacks and multipliers; returns inverses of the longest primal, dual and q step."""
     basis, weights, first, counts, _, limits, _ = rows
     sides, linearised = at.sides, at.linearised
     spans, points = counts.shape

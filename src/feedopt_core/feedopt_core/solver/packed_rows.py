@@ -1,4 +1,4 @@
-"""Rows in one piece of memory: those with a limit, or a part of them; and the slack of each."""
+"""Rows in contiguous memory: all that have a limit, or a part of them; and their slacks."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from feedopt_core.solver.interior_point_data import BEND, DOWN, SLOPE, UP, VALUE
 
 
 def packed(rows: Rows) -> tuple[PackedRows, IntArray]:
-    """Rows that have a limit, and their places among all."""
+    """Rows that have a limit, and their indices among all rows."""
     limits = rows.inverse_limits
     limited = (limits[..., UP] != 0.0) | (limits[..., DOWN] != 0.0)
     counts = np.sum(limited, axis=-1)
     ends = np.cumsum(counts).reshape(counts.shape)
     index = np.flatnonzero(limited)
-    # take and compress copy records as a whole, an index in brackets copies field by field.
+    # np.take and np.compress copy whole records; indexing with an array copies field by field and is slower.
     those = PackedRows(
         rows.basis,
         rows.weights_mm,
@@ -30,7 +30,7 @@ def packed(rows: Rows) -> tuple[PackedRows, IntArray]:
 
 
 def part(rows: PackedRows, kept: BoolArray) -> PackedRows:
-    """Some of the rows, shape (n,)."""
+    """The rows marked in ``kept``, shape (n,)."""
     before = np.concatenate([[0], np.cumsum(kept)])
     first = before[rows.first]
     return rows._replace(
@@ -44,10 +44,10 @@ def part(rows: PackedRows, kept: BoolArray) -> PackedRows:
 
 @compiled
 def slacks(rows: PackedRows, c: FloatArray, slack: FloatArray) -> float:
-    """Fill in the slack of each side, as a part of its limit, 0 without one, shape (n, 2).
+    """Fill in the slack of each side as a part of its limit, shape (n, 2); 0 for a side without a limit.
 
     Returns:
-        Motion time, not a number where q is not positive.
+        Motion time, s; NaN where q is not positive.
     """
     basis, weights, first, counts, coefficients, limits, over_root = rows
     spans, points = weights.shape

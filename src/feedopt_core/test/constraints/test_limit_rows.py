@@ -1,4 +1,4 @@
-"""Axis limits along the path: rows of the optimisation, rest elements, on-grid ratios."""
+"""Axis limits along the path: rows of the optimisation, standstill elements, on-grid ratios."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from feedopt_core.arrays import FloatArray
 from feedopt_core.constraints.axis_geometry import AxisGeometry, axis_geometry, q_limit, span_points
 from feedopt_core.constraints.limit_rows import drop_repeated, limit_rows, release_start_state
-from feedopt_core.constraints.standstill import rest_length_mm, rest_scale_limit
+from feedopt_core.constraints.standstill import standstill_length_mm, standstill_scale_limit
 from feedopt_core.constraints.utilisation import limit_ratios
 from feedopt_core.geometry.segments import SegmentKind
 from feedopt_core.geometry.toolpath import Toolpath
@@ -278,12 +278,12 @@ def test_ratios_of_a_profile_are_those_of_its_motion() -> None:
 
 
 def rest_ratios(toolpath: Toolpath, at_mm: float, length_mm: float, sign: int, p: float) -> FloatArray:
-    """Largest velocity, acceleration and jerk of the element at rest over their limits, sampled in time."""
+    """Largest velocity, acceleration and jerk of the standstill element over their limits, sampled in time."""
     jerk = 2.0 / 9.0 * p**1.5
     duration = np.cbrt(6.0 * length_mm / jerk)
     t = duration * np.linspace(1e-3, 1.0, 400)
     points = toolpath.evaluate(at_mm + sign * jerk * t**3 / 6.0)
-    # The sense of travel is that of s: next to an end at rest, time runs backwards.
+    # The sense of travel is that of s: next to an end at standstill, time runs backwards.
     v, a, j = (jerk * t**2 / 2.0)[:, None], (sign * jerk * t)[:, None], jerk
     return np.array(
         [
@@ -300,26 +300,26 @@ def rest_ratios(toolpath: Toolpath, at_mm: float, length_mm: float, sign: int, p
 def test_fastest_rest_element_just_holds_every_limit(sign: int, length_mm: float, at_part: float) -> None:
     toolpath = toolpath_of(WEDGE)
     at_mm = at_part * toolpath.end_mm
-    p = rest_scale_limit(toolpath, MOTION, at_mm, length_mm, sign, 1.0)
+    p = standstill_scale_limit(toolpath, MOTION, at_mm, length_mm, sign, 1.0)
     ratios = rest_ratios(toolpath, at_mm, length_mm, sign, p)
     assert np.max(ratios) == pytest.approx(1.0, abs=2e-3)
 
 
 def test_rest_element_on_a_line_has_the_axis_jerk() -> None:
     toolpath = toolpath_of([line(10.0)])
-    length = rest_length_mm(toolpath, LIMITS, 0.0, +1)
+    length = standstill_length_mm(toolpath, LIMITS, 0.0, +1)
     # A part of the distance in which 9000 mm/s^3 builds up 400 mm/s^2.
     assert 0.0 < length < 400.0**3 / (6.0 * 9000.0**2)
-    p = rest_scale_limit(toolpath, MOTION, 0.0, length, +1, 1.0)
+    p = standstill_scale_limit(toolpath, MOTION, 0.0, length, +1, 1.0)
     assert 2.0 / 9.0 * p**1.5 == pytest.approx(9000.0, rel=1e-12)
-    half = rest_scale_limit(toolpath, MOTION, 0.0, length, +1, 0.5)
+    half = standstill_scale_limit(toolpath, MOTION, 0.0, length, +1, 0.5)
     assert 2.0 / 9.0 * half**1.5 == pytest.approx(4500.0, rel=1e-12)
 
 
 def test_rest_element_looks_at_its_own_side_of_a_corner() -> None:
     toolpath = toolpath_of(polyline([(0, 0), (10, 0), (10, 10)]))
-    before = rest_scale_limit(toolpath, MOTION, 10.0, 0.1, -1, 1.0)
-    after = rest_scale_limit(toolpath, MOTION, 10.0, 0.1, +1, 1.0)
+    before = standstill_scale_limit(toolpath, MOTION, 10.0, 0.1, -1, 1.0)
+    after = standstill_scale_limit(toolpath, MOTION, 10.0, 0.1, +1, 1.0)
     assert 2.0 / 9.0 * before**1.5 == pytest.approx(9000.0, rel=1e-9)
     assert 2.0 / 9.0 * after**1.5 == pytest.approx(20000.0, rel=1e-9)
 
@@ -327,7 +327,7 @@ def test_rest_element_looks_at_its_own_side_of_a_corner() -> None:
 def test_rest_element_on_an_arc_obeys_the_velocity_limit_too() -> None:
     slow = KinematicLimits(np.eye(2), 1.0, np.array([1.0, 1.0]), np.array([1e6, 1e6]), np.array([1e9, 1e9]))
     toolpath = toolpath_of([planar(SegmentKind.ARC, 10.0, curvature=0.1)])
-    p = rest_scale_limit(toolpath, MotionLimits(("X", "Y"), slow), 0.0, 2.0, +1, 1.0)
+    p = standstill_scale_limit(toolpath, MotionLimits(("X", "Y"), slow), 0.0, 2.0, +1, 1.0)
     assert p * 2.0 ** (4.0 / 3.0) == pytest.approx(1.0, rel=1e-6)
 
 

@@ -1,4 +1,4 @@
-"""Knots of the feed profile: joints, bends, rest."""
+"""Knots of the feed profile: joints, bends, standstill."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ PARTS = ("kind", "q_mm2_s2", "dq_ds_mm_s2", "d2q_ds2_per_s2", "jerk_mm_s3")
 GENTLE = np.array([(20.0 * k, 2.0 * (k % 3)) for k in range(8)])
 
 
-def window(toolpath: Toolpath, start_mm: float, rest_mm: float | None = 0.01) -> np.ndarray:
+def window(toolpath: Toolpath, start_mm: float, element_mm: float | None = 0.01) -> np.ndarray:
     spacing = KnotSpacing(toolpath, 0.25)
-    return graded_knots(start_mm, toolpath.end_mm, spacing, rest_start_mm=rest_mm, rest_end_mm=0.01)
+    return graded_knots(start_mm, toolpath.end_mm, spacing, start_element_mm=element_mm, end_element_mm=0.01)
 
 
 @pytest.mark.parametrize("points", [NOISE, ZIGZAG, GENTLE])
@@ -41,7 +41,7 @@ def test_every_joint_outside_the_elements_at_rest_is_a_knot(points: np.ndarray) 
 
 def test_element_at_rest_ends_at_the_first_joint() -> None:
     toolpath = toolpath_of(spline(NOISE))
-    knots = window(toolpath, 0.0, rest_mm=5.0)
+    knots = window(toolpath, 0.0, element_mm=5.0)
     assert knots[1] <= toolpath.joints_mm(0.0, 1.0)[1]
 
 
@@ -68,13 +68,13 @@ def test_window_that_starts_in_motion_has_the_knots_of_the_one_before() -> None:
     toolpath = toolpath_of(spline(GENTLE))
     before = window(toolpath, 0.0)
     start = before[len(before) // 2]
-    after = window(toolpath, float(start), rest_mm=None)
+    after = window(toolpath, float(start), element_mm=None)
     assert np.allclose(after, before[len(before) // 2 :], atol=1e-9)
 
 
 def test_knots_of_the_stop_before_go_on_in_its_first_half() -> None:
     toolpath = toolpath_of(spline(GENTLE))
-    knots = window(toolpath, 3.0, rest_mm=None)
+    knots = window(toolpath, 3.0, element_mm=None)
     split = np.unique(np.concatenate([knots[knots < 40.0], [10.03, 35.03]]))
     count = len(split) - 1
     flat = np.zeros(count)
@@ -101,14 +101,14 @@ def test_points_are_left_out_where_the_path_hardly_bends(radius_mm: float, left_
     middle = solve.weights_mm[:, solve.weights_mm.shape[1] // 2]
     assert np.array_equal(middle == 0.0, [False, left_out, False, left_out, False])
     np.testing.assert_allclose(solve.weights_mm.sum(axis=0), solve.spline.widths_mm)
-    assert np.all(solve.weights_mm[:, :8] > 0.0), "next to rest all of them count"
+    assert np.all(solve.weights_mm[:, :8] > 0.0), "next to standstill all of them count"
 
 
 def test_stop_held_in_reserve_has_fewer_knots_at_its_end_alone() -> None:
     toolpath = toolpath_of(spline(GENTLE))
     spacing, end_mm = KnotSpacing(toolpath, 0.25), toolpath.end_mm
-    full = graded_knots(0.0, end_mm, spacing, rest_start_mm=0.001, rest_end_mm=0.001)
-    spare = graded_knots(0.0, end_mm, spacing, rest_start_mm=0.001, rest_end_mm=0.001, spare_end=True)
+    full = graded_knots(0.0, end_mm, spacing, start_element_mm=0.001, end_element_mm=0.001)
+    spare = graded_knots(0.0, end_mm, spacing, start_element_mm=0.001, end_element_mm=0.001, spare_end=True)
     assert len(spare) < len(full) - 5
     assert np.array_equal(spare[:50], full[:50])
     widths = np.diff(spare)[::-1]

@@ -72,7 +72,7 @@ def test_straight_move_takes_the_least_time_the_torque_allows(length_mm: float) 
 
 
 def least_tracking_time_s(length_mm: float) -> float:
-    """e = +E, -E, +E: three linear motions from rest to rest; their durations solve three equations."""
+    """e = +E, -E, +E: three linear motions from standstill to standstill; their durations solve three equations."""
     kv, ka, kj, limit = 4.49e-5, 1.99e-5, 5.2e-8, 0.02
     matrix = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [0, -kv / kj, -ka / kj, limit / kj], [0, 0, 0, 0]], dtype=float)
     flipped = matrix * np.array([1.0, 1.0, 1.0, -1.0])
@@ -110,7 +110,7 @@ def bent() -> PlannedPath:
 
 
 def test_drive_limits_are_used_and_held_at_1_khz(bent: PlannedPath) -> None:
-    """Finite differences of the set points alone, rest before and after them included."""
+    """Finite differences of the set points alone, with the standstill before and after them."""
     position = bent.setpoints().position_mm
     position = np.concatenate([np.repeat(position[:1], 4, axis=0), position, np.repeat(position[-1:], 4, axis=0)])
     v, a, j = (np.diff(position, n, axis=0).T / PERIOD_S**n for n in (1, 2, 3))

@@ -21,7 +21,7 @@ MACHINE = kinematic_machine()
 
 
 def least_time_s(length_mm: float, v: float, a: float, j: float) -> float:
-    """Least time from rest to rest on a straight line: seven phases, fewer where v or a is not reached."""
+    """Least time from standstill to standstill on a straight line: seven phases, fewer where v or a is not reached."""
 
     def ramp_s(peak: float) -> float:
         return peak / a + a / j if peak >= a**2 / j else 2.0 * float(np.sqrt(peak / j))

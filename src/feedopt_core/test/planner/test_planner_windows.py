@@ -244,7 +244,7 @@ def test_window_without_a_plan_takes_the_stop_and_goes_on(
 
 
 def test_window_from_rest_without_a_plan_is_halved_until_a_part_has_one() -> None:
-    """At rest there is no stop to fall back on, and the program goes on all the same."""
+    """At standstill there is no stop in reserve, and the program still continues."""
     planned = plan_path(MACHINE, spline(WAVE), SHORT_WINDOWS, Spoiled(fails, {1, 2}))
     first, second = planned.chunks[:2]
     assert first.figures.fallback and not second.figures.fallback

@@ -14,13 +14,19 @@ from feedopt_core.arrays import FloatArray
 from feedopt_core.errors import SolverError
 from feedopt_core.planner.mesh import QuadraticSpline
 from feedopt_core.solver import banded_interior_point
-from feedopt_core.solver.banded_interior_point import FixedStart, RestEnd, TimeProblem, TimeSolution, minimise_time
+from feedopt_core.solver.banded_interior_point import (
+    FixedStart,
+    StandstillEnd,
+    TimeProblem,
+    TimeSolution,
+    minimise_time,
+)
 from feedopt_core.solver.interior_point_data import DOWN, ROW, UP, Rows
 from feedopt_core.solver.interior_point_kernel import iterate
 
 Z = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90.0
-REST = RestEnd(ratio=3.0, outer_limit=40.0)
+REST = StandstillEnd(ratio=3.0, outer_limit=40.0)
 
 
 @dataclass(frozen=True)
@@ -42,7 +48,7 @@ class Straight:
         value, slope, _ = self.spline.basis(Z)
         return np.concatenate([value / self.q_max, slope / self.slope_limit, -slope / self.slope_limit], axis=1)
 
-    def problem(self, start: FixedStart | RestEnd, end: RestEnd) -> TimeProblem:
+    def problem(self, start: FixedStart | StandstillEnd, end: StandstillEnd) -> TimeProblem:
         basis = np.stack(self.spline.basis(Z)).transpose(3, 2, 0, 1).copy()
         weights = np.outer(self.spline.widths_mm, BOOLE)
         # One-sided rows, three kinds a point: factors of q and q'.
@@ -72,7 +78,7 @@ def dense(rows: FloatArray) -> FloatArray:
     return matrix.reshape(count * spans, spans + 2)
 
 
-def end_conditions(start: FixedStart | RestEnd, end: RestEnd, count: int) -> tuple[FloatArray, FloatArray]:
+def end_conditions(start: FixedStart | StandstillEnd, end: StandstillEnd, count: int) -> tuple[FloatArray, FloatArray]:
     """Equations A c = b of the ends."""
     rows, right = list[FloatArray](), list[float]()
     unit = np.eye(count)
@@ -87,16 +93,16 @@ def end_conditions(start: FixedStart | RestEnd, end: RestEnd, count: int) -> tup
     return np.array(rows), np.array(right)
 
 
-def bounds(start: FixedStart | RestEnd, end: RestEnd, count: int) -> list[tuple[float, float]]:
+def bounds(start: FixedStart | StandstillEnd, end: StandstillEnd, count: int) -> list[tuple[float, float]]:
     """Bounds of the control points."""
     limits = [(0.01, np.inf)] * count
-    if isinstance(start, RestEnd):
+    if isinstance(start, StandstillEnd):
         limits[0] = (0.01, start.outer_limit)
     limits[-1] = (0.01, end.outer_limit)
     return limits
 
 
-def reference(straight: Straight, start: FixedStart | RestEnd, end: RestEnd, guess: FloatArray) -> float:
+def reference(straight: Straight, start: FixedStart | StandstillEnd, end: StandstillEnd, guess: FloatArray) -> float:
     """Least time by sequential quadratic programming on the dense problem (convex: the global minimum)."""
     equations, right = end_conditions(start, end, len(guess))
     result = minimize(
@@ -117,7 +123,9 @@ def reference(straight: Straight, start: FixedStart | RestEnd, end: RestEnd, gue
 @pytest.mark.parametrize("start", [REST, FixedStart(100.0, 110.0), FixedStart(20.0, 10.0)])
 @pytest.mark.parametrize("dip", [0.0, 180.0])
 @pytest.mark.parametrize("slope_limit", [30.0, 90.0])
-def test_least_time_is_that_of_a_general_optimiser(start: FixedStart | RestEnd, dip: float, slope_limit: float) -> None:
+def test_least_time_is_that_of_a_general_optimiser(
+    start: FixedStart | StandstillEnd, dip: float, slope_limit: float
+) -> None:
     straight = Straight.of(12, q_max=250.0, slope_limit=slope_limit, dip=dip)
     guess = np.full(14, 15.0)
     solution = minimise_time(straight.problem(start, REST), guess, tolerance=1e-8)
@@ -173,7 +181,7 @@ def test_restart_under_lowered_limits_comes_to_the_same_optimum_sooner() -> None
 def solve_and_count(
     straight: Straight, monkeypatch: pytest.MonkeyPatch, **thresholds: float
 ) -> tuple[TimeSolution, list[int]]:
-    """A solution from rest to rest, and the number of sides that counted in each run of iterations."""
+    """A solution from standstill to standstill, and the number of sides that counted in each run of iterations."""
     sizes = list[int]()
 
     def counted(*arguments: Any) -> tuple[int, int, float, float, float]:
@@ -228,7 +236,7 @@ def test_result_counts_its_rows() -> None:
 
 def test_start_above_the_limit_has_no_solution() -> None:
     straight = Straight.of(12, q_max=250.0, slope_limit=60.0)
-    with pytest.raises(SolverError, match="limits exceeded by"):
+    with pytest.raises(SolverError, match="largest violation"):
         minimise_time(straight.problem(FixedStart(400.0, 400.0), REST), np.full(14, 20.0))
 
 
@@ -240,7 +248,7 @@ def test_guess_without_motion_has_no_solution(q: float) -> None:
 
 
 def test_too_fast_to_brake_has_no_solution() -> None:
-    """From q = 200 a slope of 5 over 12 mm cannot reach rest."""
+    """From q = 200 a slope of 5 over 12 mm cannot reach standstill."""
     straight = Straight.of(12, q_max=250.0, slope_limit=5.0)
     with pytest.raises(SolverError):
         minimise_time(straight.problem(FixedStart(200.0, 200.0), REST), np.full(14, 20.0))

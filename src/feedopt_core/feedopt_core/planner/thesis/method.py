@@ -1,10 +1,12 @@
-"""Method ``thesis``: the formulation of the dual-windowing thesis (sections 3.4 to 3.6), to be compared with.
+"""Method ``thesis``: the formulation of the dual-windowing thesis (sections 3.4 to 3.6), for comparison.
 
-A linear programme in q = v^2 (integral of q, pseudo-jerk, limits derived from the drives), its square root fitted by a
-spline in v(s), then a nonlinear programme in v(s) (integral of v, control signal and tracking error) by SQP, by the
-interior point where SQP fails, and the linear programme's own answer where both do. What is added to the thesis: the
-switch is automatic, elements of constant jerk next to rest, and a check between the evaluation points that lowers the
-limits where they are exceeded and solves again.
+1. A linear program in q = v^2: largest integral of q, with pseudo-jerk and with limits derived from the drives.
+2. A spline v(s) is fitted to the square root of its solution.
+3. A nonlinear program in v(s): largest integral of v under control signal and tracking error. It is solved by SQP, and
+   by the interior point of Ipopt where SQP fails. Where both fail, the solution of the linear program is taken.
+
+Three things are added to the thesis: the choice between the solvers is automatic; standstill elements of constant jerk;
+and a check between the evaluation points that lowers the limits where they are violated and solves again.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import numpy as np
 from scipy.sparse.linalg import lsqr
 
 from feedopt_core.arrays import FloatArray
-from feedopt_core.constraints.standstill import rest_scale_limit
+from feedopt_core.constraints.standstill import standstill_scale_limit
 from feedopt_core.constraints.stopping_distance import longest_stop_mm
 from feedopt_core.constraints.utilisation import limit_ratios
 from feedopt_core.errors import SolverError
@@ -35,22 +37,22 @@ from feedopt_core.planner.thesis.program import (
 from feedopt_core.planner.time_optimal.window_solve import POINTS, WindowSolve, window_knots
 
 _PARTS = 2
-"""Parts of a span in which v^2 is replaced by two quadratics each."""
+"""Parts of a span; in each of them two quadratics replace v^2."""
 _REPAIRS = 8
 _ACCEPTED = 1.0005
-_START_ROOM = 1.01
-"""Factor on the limits at a start in motion: its state cannot be chosen any more."""
+_START_FACTOR = 1.01
+"""Factor on the limits at a start in motion, where the state is given and cannot be changed."""
 _SQP_ITERATIONS = 15
 _SQP_REPAIR_ITERATIONS = 5
 
 
 @dataclass(frozen=True)
 class ThesisMethod:
-    """The thesis' own optimisation of one window.
+    """Optimisation of one window as in the thesis.
 
     Attributes:
-        limits: of the axes, their drives and the feed; of the nonlinear programme.
-        derived: kinematic limits that keep those of the drives in the worst case; of the linear programme.
+        limits: limits of the axes, their drives and the feed, for the nonlinear program.
+        derived: kinematic limits under which the drive limits hold in the worst case, for the linear program.
         knot_spacing_mm: largest spacing of the knots.
     """
 
@@ -84,10 +86,10 @@ class _ThesisWindow:
         self._mesh = WindowSolve(method.limits, toolpath, window, knots)
         self._matrices = SplineMatrices(self._mesh.spline, POINTS)
         if window.start is not None:
-            self._mesh.scale[0, 0] = _START_ROOM
+            self._mesh.scale[0, 0] = _START_FACTOR
 
     def nonlinear(self) -> WindowPlan:
-        """The nonlinear programme. Raises SolverError."""
+        """Plan by the nonlinear program. Raises SolverError."""
         mesh = self._mesh
         program = NonlinearProgram(self._matrices, mesh.geometry, self._method.limits, self._ends(0.5))
         guess, iterations, worst = self._guess(), 0, np.inf
@@ -96,26 +98,26 @@ class _ThesisWindow:
             solution = program.solve(guess, mesh.scale, self._ends(0.5), sqp_iterations)
             iterations += solution.iterations
             profile = self._profile(solution.control_points)
-            excess = self._excess(profile)
-            worst = float(np.max(excess))
+            utilisation = self._utilisation(profile)
+            worst = float(np.max(utilisation))
             if worst <= _ACCEPTED:
                 return _window_plan(profile, solution, iterations)
-            mesh.tighten(excess)
+            mesh.tighten(utilisation)
             guess = solution.control_points
         raise SolverError(f"{worst:.5f} times a limit between the evaluation points after {_REPAIRS} repairs")
 
     def linear(self) -> WindowPlan:
-        """The answer of the linear programme. Raises SolverError."""
+        """Plan by the linear program. Raises SolverError."""
         mesh, iterations, worst = self._mesh, 0, np.inf
         for _ in range(_REPAIRS):
             solution = self._linear_solution()
             iterations += solution.iterations
             profile = mesh.profile(solution.control_points)
-            excess = mesh.limit_ratios(profile)
-            worst = float(np.max(excess))
+            utilisation = mesh.limit_ratios(profile)
+            worst = float(np.max(utilisation))
             if worst <= _ACCEPTED:
                 return _window_plan(profile, solution, iterations)
-            mesh.tighten(excess)
+            mesh.tighten(utilisation)
         raise SolverError(f"{worst:.5f} times a limit between the evaluation points after {_REPAIRS} repairs")
 
     def _linear_solution(self) -> ProgramSolution:
@@ -123,7 +125,7 @@ class _ThesisWindow:
         return linear_program(self._matrices, mesh.geometry, self._method.derived, mesh.scale, self._ends(1.0))
 
     def _guess(self) -> FloatArray:
-        """Control points of v: the linear programme's answer, or the stop committed before where that has none."""
+        """First guess for the control points of v: the linear program's solution, or else the window's own guess."""
         try:
             v = np.sqrt(np.maximum(self._matrices.value @ self._linear_solution().control_points, 0.0))
         except SolverError:
@@ -133,24 +135,24 @@ class _ThesisWindow:
         return np.asarray(lsqr(self._matrices.value, v, atol=1e-10, btol=1e-10)[0], dtype=np.float64)
 
     def _ends(self, power: float) -> tuple[EndCondition, EndCondition]:
-        """Ends of q (power 1) or of v = q^(1/2)."""
+        """End conditions of q (power 1) or of v = q^(1/2) (power 1/2)."""
         mesh, state = self._mesh, self._window.start
         widths, knots = mesh.spline.widths_mm, mesh.knots
-        end = self._rest(self._window.end_mm, -1, float(knots[-1] - knots[-2]), float(widths[-1]), power)
+        end = self._standstill(self._window.end_mm, -1, float(knots[-1] - knots[-2]), float(widths[-1]), power)
         if state is None:
-            return self._rest(self._window.start_mm, +1, float(knots[1] - knots[0]), float(widths[0]), power), end
+            return self._standstill(self._window.start_mm, +1, float(knots[1] - knots[0]), float(widths[0]), power), end
         value = state.q_mm2_s2**power
         slope = power * state.dq_ds_mm_s2 * value / state.q_mm2_s2
         return EndCondition(1.0, value, (value, value + 0.5 * float(widths[0]) * slope)), end
 
-    def _rest(self, s_mm: float, sign: int, width_mm: float, span_mm: float, power: float) -> EndCondition:
+    def _standstill(self, s_mm: float, sign: int, width_mm: float, span_mm: float, power: float) -> EndCondition:
         scale = float(self._mesh.scale[0, 0] if sign > 0 else self._mesh.scale[-1, -1])
-        p = rest_scale_limit(self._toolpath, self._method.limits, s_mm, width_mm, sign, scale)
+        p = standstill_scale_limit(self._toolpath, self._method.limits, s_mm, width_mm, sign, scale)
         outer = (p * width_mm ** (4.0 / 3.0)) ** power
         return EndCondition(1.0 + power * 2.0 / 3.0 * span_mm / width_mm, outer)
 
     def _profile(self, control_points: FloatArray) -> FeedProfile:
-        """Profile of v(s): its square by quadratics, the elements at rest next to it."""
+        """Feed profile of v(s): quadratics for v^2, with the standstill elements at the ends."""
         mesh = self._mesh
         s_mm, q, slope, bend = squared(mesh.spline, control_points)
         head = self._window.start is None
@@ -166,7 +168,7 @@ class _ThesisWindow:
         ends = np.concatenate([mesh.knots[:1] if head else [], s_mm, mesh.knots[-1:]])
         return FeedProfile(np.array(kinds, dtype=np.int64), ends, *rows)
 
-    def _excess(self, profile: FeedProfile) -> FloatArray:
+    def _utilisation(self, profile: FeedProfile) -> FloatArray:
         """Largest ratio to any limit on each span of the mesh, shape (m,)."""
         first = 1 if self._window.start is None else 0
         ratios = limit_ratios(self._toolpath, self._method.limits, profile[first : len(profile.kind) - 1])
@@ -180,10 +182,10 @@ def _window_plan(profile: FeedProfile, solution: ProgramSolution, iterations: in
 def squared(
     spline: QuadraticSpline, control_points: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """q = v^2 of a quadratic spline v(s) by quadratics with continuous dq/ds.
+    """Approximation of q = v^2 by quadratics with continuous dq/ds, for a quadratic spline v(s).
 
-    On each part of a span two quadratics take the exact q and dq/ds at its ends; between them q is off by the third
-    power of the part's length.
+    On each part of a span two quadratics have the exact q and dq/ds at its ends. Between the ends the error of q falls
+    with the third power of the part's length.
 
     Returns:
         Ends of the quadratics, shape (n + 1,); q, dq/ds and d2q/ds2 at the start of each, shape (n,).
@@ -210,7 +212,7 @@ def squared(
 
 
 def _feed_of(profile: FeedProfile, s_mm: FloatArray) -> FloatArray:
-    """Feedrate of a profile, and behind its end a little of it."""
+    """Feedrate of a profile, at least 1 mm/s, and 1 mm/s beyond its end, shape (n,)."""
     inside = s_mm < profile.s_mm[-1]
     v = np.full(len(s_mm), 1.0)
     v[inside] = np.maximum(np.sqrt(profile.q_at(s_mm[inside])[0]), 1.0)

@@ -1,8 +1,8 @@
 """The optimisation problems of the dual-windowing thesis on one window: its LP (section 3.4) and its NLP (3.6).
 
 The mesh is that of the other methods: quadratic B-splines, five evaluation points a span. Where the window starts or
-ends at rest, the element of constant jerk takes the place of the thesis' feedrate offset, which would break the limits
-at 1 kHz. The limits are inequalities ``|quantity / limit| <= scale`` at the evaluation points.
+ends at standstill, an element of constant jerk replaces the feedrate offset of the thesis, which would violate the
+limits at 1 kHz set points. The limits are inequalities ``|quantity / limit| <= scale`` at the evaluation points.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from feedopt_core.planner.mesh import QuadraticSpline
 
 _LEAST_FEED_MM_S = 1e-2
 _FEASIBLE = 2e-4
-"""Largest excess over a limit, as a share of it, that the solvers may leave; the margin of the limits covers it."""
+"""Largest violation, as a part of the limit, that the solvers may leave; the margin of the limits covers it."""
 _SQP: dict[str, Any] = {
     "qpsol": "osqp",
     "qpsol_options": {
@@ -45,10 +45,10 @@ _IPOPT: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class EndCondition:
-    """First (or last) two control points, the outer one first.
+    """Condition on the first (or last) two control points.
 
-    At rest the inner one is ``ratio`` times the outer one, which is at most ``outer_limit``; in motion both are given,
-    in ``fixed``.
+    At standstill the inner one is ``ratio`` times the outer one, and the outer one is at most ``outer_limit``. In
+    motion both are given by ``fixed``, the outer one first.
     """
 
     ratio: float
@@ -58,7 +58,7 @@ class EndCondition:
 
 @dataclass(frozen=True)
 class ProgramSolution:
-    """Control points, and the figures of the solver that found them."""
+    """Control points, with the figures of the solver that found them."""
 
     control_points: FloatArray
     solver: str
@@ -114,7 +114,7 @@ def linear_program(
         ends: of q.
 
     Raises:
-        SolverError: no q meets the limits; so it may be where the window starts faster than they allow.
+        SolverError: no q keeps the limits. This can happen where the window starts faster than they allow.
     """
     factor = scale.ravel()
     most = q_limit(geometry, limits).ravel() * factor**2
@@ -134,7 +134,7 @@ def linear_program(
         )
         rows += [jerk, -jerk]
         bounds += [limit * factor] * 2
-    # q stays below the bound its root was taken from.
+    # The jerk rows were linearised with the root of this upper bound; they are safe only below it.
     rows.append(matrices.value)
     bounds.append(upper * (1.0 + 1e-9))
     return _highs(matrices, rows, bounds, ends)
@@ -144,7 +144,7 @@ def _highs(
     matrices: SplineMatrices, rows: list[Any], bounds: list[FloatArray], ends: tuple[EndCondition, EndCondition]
 ) -> ProgramSolution:
     count = matrices.value.shape[1]
-    # Every row by its own limit: HiGHS scales, but its tolerances are absolute.
+    # Every row is divided by its limit, because the tolerances of HiGHS are absolute.
     right = np.concatenate(bounds)
     left = vstack(rows).tocsr().multiply(1.0 / right[:, None])
     low, high = np.full(count, _LEAST_FEED_MM_S**2), np.full(count, np.inf)
@@ -181,7 +181,7 @@ class NonlinearProgram:
     ) -> None:
         """Set up for CasADi. Raises ConfigError where it is not installed."""
         self._casadi = casadi = load_casadi()
-        # In units of the highest feed, so that everything the solvers see is of the order of one.
+        # In units of the highest feed, so that all numbers in the solvers are of the order of one.
         feed = np.minimum(geometry.feed_limit_mm_s, limits.kinematic.feed_mm_s).ravel()
         self._unit_mm_s = float(np.max(feed))
         unknown = casadi.MX.sym("c", matrices.value.shape[1])
@@ -202,7 +202,7 @@ class NonlinearProgram:
             for end, outer, inner in zip(ends, (c[0], c[-1]), (c[1], c[-2]), strict=True)
             if end.fixed is None
         ]
-        self._at_rest = np.zeros(len(relations))
+        self._relation_values = np.zeros(len(relations))
         self._row_count = len(rows) * len(feed) + len(relations)
         self._problem = {
             "x": unknown,
@@ -213,13 +213,13 @@ class NonlinearProgram:
     def solve(
         self, guess: FloatArray, scale: FloatArray, ends: tuple[EndCondition, EndCondition], sqp_iterations: int
     ) -> ProgramSolution:
-        """Solve by SQP, and where it fails by the interior point.
+        """Solve by SQP, or by the interior point where SQP fails.
 
         Args:
             guess: control points to start from.
             scale: factor on every limit at the evaluation points, shape (p, m).
-            ends: as before, with limits that may have been lowered.
-            sqp_iterations: after so many the SQP ends, wherever it stands.
+            ends: those of the set-up, with limits that may have been lowered.
+            sqp_iterations: largest number of SQP iterations.
 
         Raises:
             SolverError: both failed.
@@ -235,24 +235,24 @@ class NonlinearProgram:
             "x0": np.clip(guess, low, high) / self._unit_mm_s,
             "lbx": low / self._unit_mm_s,
             "ubx": high / self._unit_mm_s,
-            "lbg": np.concatenate([-factor, self._at_rest]),
-            "ubg": np.concatenate([factor, self._at_rest]),
+            "lbg": np.concatenate([-factor, self._relation_values]),
+            "ubg": np.concatenate([factor, self._relation_values]),
         }
         sqp = _SQP | {"max_iter": sqp_iterations}
         for name, plugin, options in (("sqp_osqp", "sqpmethod", sqp), ("ipopt", "ipopt", _IPOPT)):
             solver = self._casadi.nlpsol("window", plugin, self._problem, options)
             answer = solver(**bounds)
             g = np.array(answer["g"], dtype=np.float64).ravel()
-            excess = np.maximum(g - bounds["ubg"], bounds["lbg"] - g)
-            # OSQP's multipliers are too coarse to prove an optimum: a feasible end of the SQP counts as one.
-            if float(np.max(excess)) <= _FEASIBLE:
+            violation = np.maximum(g - bounds["ubg"], bounds["lbg"] - g)
+            # OSQP's multipliers are too coarse to prove an optimum, so every feasible result of the SQP is accepted.
+            if float(np.max(violation)) <= _FEASIBLE:
                 points = self._unit_mm_s * np.array(answer["x"], dtype=np.float64).ravel()
                 return ProgramSolution(points, name, self._row_count, int(solver.stats()["iter_count"]))
         raise SolverError("neither SQP nor the interior point found a feedrate within the limits")
 
 
 def _axis_rows(limits: MotionLimits, axis: int, sign: FloatArray, motion: tuple[Any, Any, Any]) -> list[Any]:
-    """Every limited quantity of an axis over its limit, at the evaluation points."""
+    """Every limited quantity of an axis divided by its limit, at the evaluation points."""
     v, a, j = motion
     kinematic, rows = limits.kinematic, list[Any]()
     for quantity, limit in (

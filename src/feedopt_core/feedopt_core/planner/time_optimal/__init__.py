@@ -1,1 +1,1 @@
-"""The methods ``lp``, ``lp_nlp`` and ``oneshot``: time-optimal windows by our own interior point."""
+"""The methods ``lp``, ``lp_nlp`` and ``oneshot``: windows of minimum time, solved by the own interior point."""

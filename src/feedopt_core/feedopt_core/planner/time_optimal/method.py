@@ -1,9 +1,9 @@
-"""Methods ``lp`` and ``lp_nlp``: minimum time on one window, quadratic B-spline in q.
+"""Methods ``lp``, ``lp_nlp`` and ``oneshot``: minimum time on one window, with a quadratic B-spline for q.
 
-``lp`` obeys velocity, acceleration and jerk limits within which the drives hold in the worst case, as the thesis' LP
-does (section 3.4); ``lp_nlp`` obeys control signal and tracking error themselves (section 3.6). The pseudo-jerk of the
-thesis is replaced by linearisations that are set anew in every iteration, its objective (integral of q) by the motion
-time. docs/decisions/ holds the reasons.
+``lp`` uses velocity, acceleration and jerk limits under which the drive limits hold in the worst case, like the linear
+program of the thesis (section 3.4). ``lp_nlp`` and ``oneshot`` limit control signal and tracking error themselves
+(section 3.6). Two things differ from the thesis: linearisations that are renewed in every iteration replace the
+pseudo-jerk, and the motion time replaces the integral of q as the objective. docs/decisions/ gives the reasons.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from feedopt_core.solver.banded_interior_point import Restart
 
 _REPAIRS = 8
 _ACCEPTED, _TOLERABLE = 1.0001, 1.0008
-"""Ratio to a limit between the points that needs no repair, and one that the audit lets pass where no repair works."""
+"""Utilisation between the points up to which no repair is needed, and up to which a plan is taken if repairs fail."""
 _SPLIT_ABOVE = 1.02
-"""The same from which on knots are split; below it the limits are lowered there."""
+"""Utilisation between the points above which spans are split; below it the limits are lowered instead."""
 _KNOTS_OF_A_STOP = 4.0
 _REFINEMENT = 3.0
-"""Part of the knot spacing that the robust solver works on."""
+"""Knot spacing of the fast solver over that of the robust one."""
 
 
 @dataclass(frozen=True)
 class TimeOptimalMethod:
-    """Minimum time under given limits on one window.
+    """Minimum time on one window under given limits.
 
-    Where the solver fails, a robust one follows: cautious steps on a finer mesh, started from the plan under
-    ``safe_limits`` where there are such. That plan is taken where the robust solver fails too.
+    Where the fast solver fails, the robust one is tried: cautious steps on a finer mesh, started from the plan under
+    ``safe_limits`` where these are given. Where the robust solver fails too, that plan is taken.
 
     Attributes:
-        name: on the command line and in every chunk.
+        name: name on the command line and in every chunk.
         solver: name of the fast solver in the figures; the robust one is ``{solver}_robust``.
-        limits: of the axes, their drives and the feed.
+        limits: limits of the axes, their drives and the feed.
         knot_spacing_mm: largest spacing of the knots of q(s).
-        safe_limits: limits whose plans hold ``limits`` too and are easier to find.
-        whole_path: whether windows reach the end of the program or the next exact stop.
+        safe_limits: stricter limits: a plan that keeps them keeps ``limits`` too, and is easier to find.
+        whole_path: whether every window must reach the end of the program or the next exact stop.
     """
 
     name: str
@@ -79,11 +79,11 @@ class TimeOptimalMethod:
         try:
             return TimeOptimalMethod("lp", "lp", self.safe_limits, self.knot_spacing_mm).plan(toolpath, window)
         except SolverError:
-            # A state outside the safe limits has no plan within them.
+            # A start state outside the safe limits has no plan within them.
             return None
 
     def _plan(self, toolpath: Toolpath, window: Window, guess: FeedProfile | None, *, robust: bool) -> WindowPlan:
-        # Where the machine stops within a few knots, its ramps need more of them.
+        # Where the machine stops within a few knots, the ramps need a finer mesh.
         spacing_mm = min(self.knot_spacing_mm, max(self.stopping_mm, self.knot_spacing_mm) / _KNOTS_OF_A_STOP)
         spacing_mm /= _REFINEMENT if robust else 1.0
         knots = window_knots(ramp_limits(self.limits), toolpath, window, spacing_mm)
@@ -91,7 +91,7 @@ class TimeOptimalMethod:
             knots = continued_knots(knots, window.guess, toolpath.joints_mm(window.start_mm, window.end_mm))
         solve = WindowSolve(self.limits, toolpath, window, knots)
         name = f"{self.solver}_robust" if robust else self.solver
-        iterations, worst, excess = 0, np.inf, np.empty(0)
+        iterations, worst, utilisation = 0, np.inf, np.empty(0)
         before: Restart | None = None
         tolerable: WindowPlan | None = None
         for _ in range(_REPAIRS):
@@ -99,8 +99,8 @@ class TimeOptimalMethod:
                 solution = solve.minimum_time(before, guess, cautious=robust)
             except SolverError:
                 if before is not None:
-                    # Beside a given state there may be no room to lower a limit: more knots there instead.
-                    solve, before = solve.split(excess > _ACCEPTED), None
+                    # Next to a given start state there may be no slack to lower a limit: split the spans instead.
+                    solve, before = solve.split(utilisation > _ACCEPTED), None
                     continue
                 if tolerable is None:
                     raise
@@ -111,17 +111,17 @@ class TimeOptimalMethod:
                 solve, before = solve.split(dips), None
                 continue
             profile = solve.profile(solution.control_points)
-            excess = solve.limit_ratios(profile)
-            worst = float(np.max(excess))
+            utilisation = solve.limit_ratios(profile)
+            worst = float(np.max(utilisation))
             plan = WindowPlan(profile, name, len(solution.control_points), solution.row_count, iterations)
             if worst <= _ACCEPTED:
                 return plan
             if worst <= _TOLERABLE:
                 tolerable = plan
             if worst > _SPLIT_ABOVE:
-                solve, before = solve.split(excess > 0.5 * (1.0 + _SPLIT_ABOVE)), None
+                solve, before = solve.split(utilisation > 0.5 * (1.0 + _SPLIT_ABOVE)), None
             else:
-                solve.tighten(excess)
+                solve.tighten(utilisation)
                 before = solution.restart
         if tolerable is not None:
             return tolerable

@@ -1,4 +1,4 @@
-"""One window while it is being solved: mesh, rows, end conditions, first guesses, repairs between the points."""
+"""One window while it is solved: mesh, rows, end conditions, first guesses, and repairs between the points."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from feedopt_core.arrays import BoolArray, FloatArray
 from feedopt_core.constraints.axis_geometry import AxisGeometry, axis_geometry, span_points, steady_q_limit
 from feedopt_core.constraints.limit_rows import drop_repeated, limit_rows, release_start_state
-from feedopt_core.constraints.standstill import rest_length_mm, rest_scale_limit
+from feedopt_core.constraints.standstill import standstill_length_mm, standstill_scale_limit
 from feedopt_core.constraints.utilisation import FineGrid
 from feedopt_core.errors import SolverError
 from feedopt_core.geometry.toolpath import Toolpath
@@ -21,47 +21,50 @@ from feedopt_core.planner.method import Window
 from feedopt_core.solver.banded_interior_point import (
     FixedStart,
     Restart,
-    RestEnd,
+    StandstillEnd,
     TimeProblem,
     TimeSolution,
     minimise_time,
 )
 
 POINTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
-"""Where on a span the limits are set, and the motion time is integrated."""
+"""Points of a span, as parts of its width, at which the limits hold and the motion time is integrated."""
 _BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90.0
 _SIMPSON = np.array([1.0, 0.0, 4.0, 0.0, 1.0]) / 6.0
-"""Weights of the points; in spans over which little changes the second and the fourth are left out."""
+"""Quadrature weights of the points. The full quadrature (Boole) uses all five; where the motion hardly changes over a
+span, the reduced one (Simpson) leaves out the second and the fourth."""
 _STRAIGHT, _FULL = 0.1, 0.6
-"""Such a span is smaller than this part of the length over which the path bends, and larger than this of the widest."""
+"""A span may use the reduced quadrature if it is shorter than the first part of the length over which the path bends,
+and longer than the second part of the widest span."""
 _AROUND = 8
-"""So many spans on either side of one where it bends count as that."""
+"""Number of neighbouring spans, on each side of a span with the full quadrature, that also use the full quadrature."""
 _MARGIN = 5e-4
 _RELAXED_MM = 20.0
 _LOW, _VERY_LOW = 0.7, 0.02
-"""Parts of the largest q known beforehand that the optimisation starts from."""
+"""Parts of the estimated largest q at which the optimisation starts: first attempt, second attempt."""
 _RAMP = 0.5
-"""Part of acceleration and jerk that the start of the optimisation uses to leave a slow place."""
+"""Part of the acceleration and jerk limits with which the first guess speeds up from a slow place."""
 
 
 def window_knots(limits: KinematicLimits, toolpath: Toolpath, window: Window, spacing_mm: float) -> FloatArray:
-    """Knots of a window, its elements at rest included, shape (n,); the limits are finite ones."""
-    start_rest = rest_length_mm(toolpath, limits, window.start_mm, +1) if window.start is None else None
-    end_rest = rest_length_mm(toolpath, limits, window.end_mm, -1)
+    """Knots of a window with its standstill elements, shape (n,), mm; all limits must be finite."""
+    start_length_mm = standstill_length_mm(toolpath, limits, window.start_mm, +1) if window.start is None else None
+    end_length_mm = standstill_length_mm(toolpath, limits, window.end_mm, -1)
     return graded_knots(
         window.start_mm,
         window.end_mm,
         KnotSpacing(toolpath, spacing_mm),
-        rest_start_mm=None if start_rest is None else min(start_rest, spacing_mm),
-        rest_end_mm=min(end_rest, spacing_mm),
+        start_element_mm=None if start_length_mm is None else min(start_length_mm, spacing_mm),
+        end_element_mm=min(end_length_mm, spacing_mm),
         spare_end=window.spare_end,
     )
 
 
 def continued_knots(knots: FloatArray, guess: FeedProfile, joints_mm: FloatArray) -> FloatArray:
-    """Knots with those of a guess in its first half: the state it starts in may be one that only they can continue.
+    """Knots of a window, replaced by those of the guess over the first half of the guess.
 
-    They differ where knots were split. Of the others none but joints comes close to the last one of the guess.
+    The guess may have had spans split, and then its start state may have a continuation on its own knots only. Beyond
+    the last knot of the guess, knots that are too close to it are left out, except joints.
     """
     known = guess.s_mm[guess.s_mm <= 0.5 * (guess.s_mm[0] + guess.s_mm[-1])]
     if len(known) < 2 or known[-1] >= knots[-2]:
@@ -71,7 +74,7 @@ def continued_knots(knots: FloatArray, guess: FeedProfile, joints_mm: FloatArray
 
 
 class WindowSolve:
-    """Mesh, rows and ends of one window on given knots."""
+    """Mesh, rows and end conditions of one window on given knots."""
 
     def __init__(self, limits: MotionLimits, toolpath: Toolpath, window: Window, knots: FloatArray) -> None:
         self.limits, self.toolpath, self.window, self.knots = limits, toolpath, window, knots
@@ -85,20 +88,20 @@ class WindowSolve:
         self.weights_mm = _point_weights(self.geometry, limits.kinematic.axis_matrix, self.spline.widths_mm)
 
     def _margin(self, s_mm: FloatArray) -> FloatArray:
-        """Factor on the limits: what a window leaves at its end, the next one finds as room at its start."""
+        """Factor on the limits. It is 1 at a start in motion, so the state left by the last window has slack there."""
         distance = s_mm - self.window.start_mm
         ramp = 1.0 if self.window.start is None else np.minimum(distance / _RELAXED_MM, 1.0)
         return np.asarray(1.0 - _MARGIN * ramp)
 
-    def tighten(self, excess: FloatArray) -> None:
-        """Lower the limits where they were exceeded between the points, by a little more than that; shape (m,)."""
-        spread = excess.copy()
-        spread[1:] = np.maximum(spread[1:], excess[:-1])
-        spread[:-1] = np.maximum(spread[:-1], excess[1:])
+    def tighten(self, utilisation: FloatArray) -> None:
+        """Lower the limits around spans whose utilisation, shape (m,), is above 1, by a little more than needed."""
+        spread = utilisation.copy()
+        spread[1:] = np.maximum(spread[1:], utilisation[:-1])
+        spread[:-1] = np.maximum(spread[:-1], utilisation[1:])
         self.scale /= np.maximum(1.0, 1.0 + 1.2 * (spread - 1.0))
 
     def split(self, spans: BoolArray) -> WindowSolve:
-        """The same window with two more knots in each of these spans, shape (m,)."""
+        """The same window with two more knots in each of the marked spans, shape (m,)."""
         knots, widths = self.spline.knots_mm[:-1][spans], self.spline.widths_mm[spans]
         split = np.unique(np.concatenate([self.knots, knots + widths / 3.0, knots + widths * 2.0 / 3.0]))
         return WindowSolve(self.limits, self.toolpath, self.window, split)
@@ -109,12 +112,12 @@ class WindowSolve:
         """Least motion time on this mesh.
 
         Args:
-            before: where to restart from after the limits were lowered a little.
-            guess: profile to start from, over a part of the window at least.
+            before: iterate to restart from, after the limits were lowered a little.
+            guess: profile to start from; it may cover only a part of the window.
             cautious: see :func:`minimise_time`.
 
         Raises:
-            SolverError: no solution was found from there, or from any guess.
+            SolverError: no solution was found from the restart, or from any first guess.
         """
         rows = limit_rows(self.geometry, self.limits, self.spline.basis(POINTS), self.weights_mm, self.scale)
         drop_repeated(rows)
@@ -131,23 +134,23 @@ class WindowSolve:
                 failure = error
         raise SolverError(str(failure)) from failure
 
-    def _start(self) -> FixedStart | RestEnd:
+    def _start(self) -> FixedStart | StandstillEnd:
         state, h = self.window.start, float(self.spline.widths_mm[0])
         if state is not None:
             return FixedStart(state.q_mm2_s2, state.q_mm2_s2 + 0.5 * h * state.dq_ds_mm_s2)
-        return self._rest_end(self.window.start_mm, float(self.knots[1] - self.knots[0]), h, +1)
+        return self._standstill_end(self.window.start_mm, float(self.knots[1] - self.knots[0]), h, +1)
 
-    def _end(self) -> RestEnd:
+    def _end(self) -> StandstillEnd:
         width = float(self.knots[-1] - self.knots[-2])
-        return self._rest_end(self.window.end_mm, width, float(self.spline.widths_mm[-1]), -1)
+        return self._standstill_end(self.window.end_mm, width, float(self.spline.widths_mm[-1]), -1)
 
-    def _rest_end(self, s_rest_mm: float, width_mm: float, span_mm: float, sign: int) -> RestEnd:
+    def _standstill_end(self, s_standstill_mm: float, width_mm: float, span_mm: float, sign: int) -> StandstillEnd:
         scale = float(self.scale[0, 0] if sign > 0 else self.scale[-1, -1])
-        p = rest_scale_limit(self.toolpath, self.limits, s_rest_mm, width_mm, sign, scale)
-        return RestEnd(ratio=1.0 + 2.0 / 3.0 * span_mm / width_mm, outer_limit=p * float(np.cbrt(width_mm)) ** 4)
+        p = standstill_scale_limit(self.toolpath, self.limits, s_standstill_mm, width_mm, sign, scale)
+        return StandstillEnd(ratio=1.0 + 2.0 / 3.0 * span_mm / width_mm, outer_limit=p * float(np.cbrt(width_mm)) ** 4)
 
     def _guesses(self, problem: TimeProblem, guess: FeedProfile | None) -> Iterator[FloatArray]:
-        """Starting points, the best first; those made here are below every limit known beforehand."""
+        """First guesses of the control points, the best first; those not made from ``guess`` are below the estimate."""
         s, ceiling = self._ceiling(problem)
         low = _LOW * ceiling
         if guess is not None:
@@ -159,22 +162,23 @@ class WindowSolve:
         yield _VERY_LOW * ceiling
 
     def _ceiling(self, problem: TimeProblem) -> tuple[FloatArray, FloatArray]:
-        """Places of the control points, shape (m + 2,), and a q there that a motion could about have.
+        """Arc lengths of the control points, shape (m + 2,), and an estimate of the largest q there.
 
-        It is at most what each place allows at a steady feed, and near a slow place, such as a sharp corner or rest, at
-        most what a part of acceleration and jerk reach from there: q grows by 2 a ds, and as s^(4/3) from rest. From a
-        start without such cones the optimisation does not find its way out of windows whose q spans five decades.
+        Each place allows at most its q at constant feedrate. Near a slow place, such as a sharp corner or a standstill,
+        q is at most what a part of the acceleration and jerk limits reaches from there: it grows by 2 a ds, and as
+        s^(4/3) from a standstill. Without this second bound the optimisation does not converge in windows whose q spans
+        five decades.
         """
         knots, reach = self.spline.knots_mm, attainable_limits(self.limits)
         s = np.concatenate([knots[:1], (knots[:-1] + knots[1:]) / 2.0, knots[-1:]])
         bound = steady_q_limit(self.geometry, reach) * self.scale**2
         ceiling = np.concatenate([bound[0, :1], np.min(bound, axis=0), bound[-1, -1:]])
-        for rest, at_mm, edge in (
+        for condition, at_mm, edge in (
             (problem.start, self.window.start_mm, knots[0]),
             (problem.end, self.window.end_mm, knots[-1]),
         ):
-            if isinstance(rest, RestEnd):
-                p = rest.outer_limit / abs(edge - at_mm) ** (4.0 / 3.0)
+            if isinstance(condition, StandstillEnd):
+                p = condition.outer_limit / abs(edge - at_mm) ** (4.0 / 3.0)
                 ceiling = np.minimum(ceiling, p * np.abs(s - at_mm) ** (4.0 / 3.0))
         acceleration = _RAMP * float(np.min(reach.acceleration_mm_s2))
         jerk = _RAMP * float(np.min(reach.jerk_mm_s3))
@@ -182,53 +186,53 @@ class WindowSolve:
         return s, _with_slope(ceiling**0.75, s, float(np.sqrt(4.5 * jerk))) ** (4.0 / 3.0)
 
     def limit_ratios(self, profile: FeedProfile) -> FloatArray:
-        """Largest ratio to a limit on each span, between the points as well, shape (m,)."""
+        """Largest utilisation of a limit on each span, also between the points, shape (m,)."""
         if self._fine is None:
             self._fine = FineGrid(self.toolpath, self.limits.kinematic.axis_matrix, self.spline.knots_mm)
         return self._fine.limit_ratios(self.limits, profile[self.spline_elements])
 
     def dips(self, control_points: FloatArray) -> BoolArray:
-        """Spans between whose points q falls to zero, which next to a very slow place it may, shape (m,)."""
+        """Spans in which q falls to zero between the points, shape (m,). This can happen next to a very slow place."""
         q, slope, bend = self.spline.start_of_spans(control_points)
         lowest_mm = np.clip(-slope / np.where(bend > 0.0, bend, np.inf), 0.0, self.spline.widths_mm)
         lowest = q + (slope + 0.5 * bend * lowest_mm) * lowest_mm
         return np.asarray(lowest <= 0.0)
 
     def profile(self, control_points: FloatArray) -> FeedProfile:
-        """Profile of control points, shape (m + 2,), with the elements at rest."""
+        """Feed profile of control points, shape (m + 2,), with the standstill elements."""
         q, slope, bend = self.spline.start_of_spans(control_points)
         count = len(q)
         end_slope = 2.0 * float(control_points[-1] - control_points[-2]) / float(self.spline.widths_mm[-1])
-        end_jerk = _rest_jerk(float(control_points[-1]), float(self.knots[-1] - self.knots[-2]))
+        end_jerk = _standstill_jerk(float(control_points[-1]), float(self.knots[-1] - self.knots[-2]))
         kind = [*[ElementKind.QUADRATIC] * count, ElementKind.REST_END]
         elements = np.array([[*q, control_points[-1]], [*slope, end_slope], [*bend, 0.0], [*np.zeros(count), end_jerk]])
         if self.window.start is None:
-            start_jerk = _rest_jerk(float(control_points[0]), float(self.knots[1] - self.knots[0]))
+            start_jerk = _standstill_jerk(float(control_points[0]), float(self.knots[1] - self.knots[0]))
             kind.insert(0, ElementKind.REST_START)
             elements = np.column_stack([[0.0, 0.0, 0.0, start_jerk], elements])
         return FeedProfile(np.array(kind, dtype=np.int64), self.knots, *elements)
 
 
 def _point_weights(geometry: AxisGeometry, axis_matrix: FloatArray, widths_mm: FloatArray) -> FloatArray:
-    """Quadrature weights of the points, shape (p, m); 0 at those that spans over which little changes do without."""
-    # As Toolpath.bend_length_mm, from what the axes see of the bends.
+    """Quadrature weights of the points, shape (p, m), mm; 0 at the points that the reduced quadrature leaves out."""
+    # Computed like Toolpath.bend_length_mm, but from the derivatives of the axis positions.
     size = float(np.linalg.norm(axis_matrix, 2))
     curvature, change = (np.sqrt(np.sum(g**2, axis=0)) / size for g in (geometry.g2, geometry.g3))
     with np.errstate(divide="ignore"):
         bend_mm = 1.0 / np.maximum(curvature, np.sqrt(change))
     bent = (widths_mm > _STRAIGHT * np.min(bend_mm, axis=0)) | (widths_mm < _FULL * np.max(widths_mm))
-    # Out of a sharp corner q changes by decades over a few spans.
+    # Next to a sharp corner q changes by decades over a few spans.
     near = np.convolve(bent, np.ones(2 * _AROUND + 1))[_AROUND : _AROUND + len(bent)] > 0.5
     return np.asarray(np.where(near, _BOOLE[:, None], _SIMPSON[:, None]) * widths_mm)
 
 
 def _with_slope(values: FloatArray, s_mm: FloatArray, slope: float) -> FloatArray:
-    """Largest function below values that changes by at most slope a mm, shape (n,)."""
+    """Largest function that is nowhere above ``values`` and changes by at most ``slope`` per mm, shape (n,)."""
     ramp = slope * s_mm
     forward = ramp + np.minimum.accumulate(values - ramp)
     return np.asarray(np.minimum.accumulate((forward + ramp)[::-1])[::-1] - ramp)
 
 
-def _rest_jerk(q_mm2_s2: float, width_mm: float) -> float:
-    """Jerk of the element at rest that reaches q over its width, mm/s^3."""
+def _standstill_jerk(q_mm2_s2: float, width_mm: float) -> float:
+    """Jerk of a standstill element that reaches q over its width, mm/s^3."""
     return float(2.0 / 9.0 * q_mm2_s2**1.5 / width_mm**2)
