@@ -44,7 +44,13 @@ MUTATIONS = [
         "planner",
     ),
     ("corners", "feedopt_core.constraints.limit_rows", "1.5 * on_j * d2", "1.6 * on_j * d2", "planner"),
-    ("plate", "feedopt_core.motion.profile", "0.5 * jerk * from_rest", "0.6 * jerk * from_rest", "interpolator"),
+    (
+        "plate",
+        "feedopt_core.motion.profile",
+        "0.5 * jerk * from_standstill",
+        "0.6 * jerk * from_standstill",
+        "interpolator",
+    ),
     ("corners", "feedopt_core.motion.setpoints", "(v**2)[:, None]", "(v**3)[:, None]", "interpolator"),
     ("corners", "router_sim.plant", "_resolution_mm + 0.5)", "_resolution_mm + 0.4)", "router_sim"),
 ]

@@ -1,1 +1,1 @@
-"""Independent check of limits, from r(s), s(t) and set points alone."""
+"""Independent check of all limits, computed from r(s), s(t) and the set points only."""

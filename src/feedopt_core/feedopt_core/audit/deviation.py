@@ -1,9 +1,9 @@
-"""How far the smoothed path is from the programmed one: measured on both, without a word from the smoother.
+"""Deviation of the smoothed path from the programmed one, measured on the two paths without data of the smoother.
 
-Both are turned into chains of points whose chords stay within a small part of the tolerance of the curve they stand
-for. Each chain is then followed along the other: the distance of every point from the part of the other chain that is
-passed at about the same arc length. So a path that takes a short cut to a neighbouring pass is found out, which a plain
-distance between two sets of points would not notice.
+Both paths are sampled as chains of points. The chords of a chain stay within a small part of the tolerance from their
+curve. Each chain is then followed along the other: every point is compared with the part of the other chain at about
+the same arc length. So a path that jumps to a neighbouring pass is detected; a plain distance between two sets of
+points would not show it.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from feedopt_core.geometry.segments import Segment, SegmentKind
 from feedopt_core.programs.moves import ArcMove, LineMoves, Move, NurbsMove, ProgramEvent
 
 ALLOWED_RATIO = 1.005
-"""Largest ratio of deviation to tolerance that passes; what is above 1 is room for the chords of the two chains."""
+"""Largest ratio of deviation to tolerance that passes; the part above 1 covers the chord errors of the two chains."""
 _CHORD_SHARE = 2e-3
 _BLOCK = 64
 _SHRINK = 0.3
 _STRETCH = 2.5
 _SLACK = 64.0
 _SAME_PLACE = 1.05
-"""The path may pass here twice: at a corner that is rounded, and along a straight line that meets the corner."""
+"""Places count as equally near if their distances differ by less than this, in tolerances. At a rounded corner, and on
+a straight line that meets the corner, the path may pass the same place twice."""
 _REFINEMENTS = 12
 
 
@@ -36,11 +37,11 @@ class DeviationReport:
     """The worst place of a smoothed path.
 
     Attributes:
-        worst_mm: distance between the two paths where it is largest in relation to the tolerance.
+        worst_mm: distance between the two paths where its ratio to the tolerance is largest.
         tolerance_mm: tolerance there.
-        ratio: one over the other.
+        ratio: worst_mm / tolerance_mm.
         line: line of the program there.
-        at_mm: the place, shape (dimensions,).
+        at_mm: position there, shape (dimensions,).
     """
 
     worst_mm: float
@@ -51,13 +52,13 @@ class DeviationReport:
 
     @property
     def holds(self) -> bool:
-        """The tolerance holds everywhere, but for what the measurement itself leaves open."""
+        """Whether the tolerance holds everywhere, within the accuracy of the measurement."""
         return self.ratio <= ALLOWED_RATIO
 
 
 @dataclass(frozen=True)
 class DeviationCurve:
-    """Distance of the smoothed from the programmed path along the smoothed one, shape (n,) each.
+    """Deviation from the programmed path along the smoothed one, shape (n,) each.
 
     Attributes:
         s_mm: arc length, measured along chords, increasing.
@@ -72,7 +73,7 @@ class DeviationCurve:
 
 @dataclass(frozen=True)
 class _Chain:
-    """Points with arc lengths, and for each the tolerance and the line of the program."""
+    """Points of a path, each with its arc length, tolerance and line of the program."""
 
     points_mm: FloatArray
     tolerance_mm: FloatArray
@@ -86,7 +87,7 @@ class _Chain:
 def measure_deviation(
     moves: Iterable[Move], segments: Sequence[Segment], tolerance_mm: float, rapid_tolerance_mm: float | None = None
 ) -> DeviationReport:
-    """Largest distance between the programmed moves and the segments, both ways.
+    """Largest distance between the programmed moves and the segments, measured from each to the other.
 
     Args:
         moves: of the program, with at least one motion.
@@ -115,8 +116,9 @@ def deviation_along(
 ) -> DeviationCurve:
     """Deviation along the smoothed path, with the same largest ratio as :func:`measure_deviation`.
 
-    A programmed point counts at the point of the smoothed path that is nearest to it: a corner that is cut off is
-    farther from the smoothed path than any point of that path is from the programmed one. Arguments as above.
+    The distance of a programmed point counts at the nearest point of the smoothed path. It is needed because a corner
+    that is cut off is farther from the smoothed path than any point of that path is from the programmed one. For the
+    arguments see :func:`measure_deviation`.
     """
     dimensions = len(segments[0].evaluate(np.zeros(1)).r_mm[0])
     programmed = _programmed_chain(moves, dimensions, tolerance_mm, rapid_tolerance_mm)
@@ -148,8 +150,8 @@ def _followed(
 ) -> tuple[FloatArray, IntArray]:
     """See :func:`_follow`.
 
-    A point may lie behind or ahead of where equal arc lengths put it, by a share of the way since the last anchor; that
-    is set anew every few points. Where the path meets itself, the place nearest to equal arc lengths is the one meant.
+    The search covers places behind and ahead of equal arc length, by a part of the distance since the last anchor. The
+    anchor is renewed every few points. Where the path meets itself, the place nearest to equal arc length is taken.
     """
     distances, nearest = np.empty(len(points)), np.zeros(len(points), dtype=np.int64)
     total, last, low = lengths[-1], len(vertices) - 2, 0
@@ -189,7 +191,7 @@ def _followed(
 
 @compiled
 def _chord_place(point: FloatArray, start: FloatArray, end: FloatArray) -> tuple[float, float]:
-    """Place of the nearest point of a chord, 0 to 1, and its distance."""
+    """Nearest point of a chord, as a part of its length from 0 to 1, and its distance, mm."""
     square, along = 0.0, 0.0
     for d in range(len(point)):
         step = end[d] - start[d]
@@ -209,7 +211,7 @@ def _distance_at(point: FloatArray, start: FloatArray, end: FloatArray, place: f
 
 
 def _smoothed_chain(segments: Sequence[Segment], tolerance_mm: float) -> _Chain:
-    """Points of the smoothed path; tolerances and lines stand on the programmed one only."""
+    """Points of the smoothed path, without tolerances and lines: only the programmed path has these."""
     parts = [_segment_points(segment, tolerance_mm) for segment in segments]
     points = np.concatenate([parts[0][:1], *(part[1:] for part in parts)])
     return _Chain(points, np.full(len(points), tolerance_mm), np.zeros(len(points), dtype=np.int64))
@@ -224,7 +226,7 @@ def _segment_points(segment: Segment, tolerance_mm: float) -> FloatArray:
 
 
 def _refined(curve: Callable[[FloatArray], FloatArray], u: FloatArray, tolerance_mm: float) -> FloatArray:
-    """Points of a curve, denser until the middle of each chord is close to the curve, shape (n, dimensions)."""
+    """Points of a curve, refined until the middle of each chord is close to the curve, shape (n, dimensions)."""
     points = curve(u)
     for _ in range(_REFINEMENTS):
         middles = 0.5 * (u[:-1] + u[1:])
@@ -261,13 +263,13 @@ def _programmed_chain(
         points.append(found)
         tolerances.append(np.full(len(found), own_mm))
         lines.append(line)
-    # A chord takes tolerance and line of the move it begins; the move is the one of its end.
+    # A chord has the tolerance and the line of the move to which its end point belongs.
     ends, limits, numbers = np.concatenate(points), np.concatenate(tolerances), np.concatenate(lines)
     return _Chain(ends[:, :dimensions], np.append(limits[1:], limits[-1]), np.append(numbers[1:], numbers[-1]))
 
 
 def _arc_points(move: ArcMove, tolerance_mm: float) -> FloatArray:
-    """Points of an arc by the formula of its definition; what the program rounded is spread over the arc."""
+    """Points of an arc by its defining formula; the rounding error of the program is spread over the arc."""
     radial = move.start_mm - move.center_mm
     across = np.cross(move.normal, radial)
     radius = float(np.linalg.norm(radial))

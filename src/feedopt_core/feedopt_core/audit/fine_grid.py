@@ -1,4 +1,4 @@
-"""Audit of a feed profile between the points of its optimisation: r(s) and s(t) alone, no row of the solver."""
+"""Audit of a feed profile between the points of its optimisation, from r(s) and s(t) only, not from solver rows."""
 
 from __future__ import annotations
 
@@ -18,28 +18,29 @@ _INSTANTS = 9
 _INSET = 1e-6
 _INSET_OF_WAY = 1e-9
 _INSET_STEPS = 4.0
-"""Of the arc length as a number: two paths to it may have been rounded differently."""
+"""Least inset, in floating-point steps of the arc length: two computations of it may have been rounded differently."""
 _FIRST, _SECOND, _THIRD = 0, 1, 2
-"""Places of the derivatives by arc length, and of velocity, acceleration and jerk."""
+"""Rows of the derivatives by arc length, and of velocity, acceleration and jerk."""
 
 
 def audit_profile(toolpath: Toolpath, profile: FeedProfile, machine: Machine, t_start_s: float = 0.0) -> AuditReport:
-    """Worst ratios of a profile at nine or more instants of each element, both its ends included.
+    """Largest ratios to the limits at nine or more instants of each element of a profile, both ends included.
 
-    Where the path bends sharply there are more (see :func:`samples_between`).
+    Where the path bends sharply there are more instants (see :func:`samples_between`).
 
     Args:
-        toolpath: holds the profile's arc lengths.
-        profile: the profile.
-        machine: whose limits count.
+        toolpath: contains all arc lengths of the profile.
+        profile: the profile to audit.
+        machine: machine with the limits.
         t_start_s: time at the start of the profile, for the report.
     """
     samples = samples_between(toolpath, profile.s_mm, _INSTANTS)
-    # A hair inside the ends: the jerk jumps there, and so may the path's derivatives.
+    # The outer instants are just inside the element: at its ends the jerk jumps, and the path's derivatives may jump.
     z = np.clip(samples.z, _INSET, 1.0 - _INSET)
     tau_s = z * np.diff(profile.times_s)[samples.owner]
     states = profile.states_within(samples.owner, tau_s)
-    # Near rest such a hair of time is no way at all: behind an exact stop the path leaves in another direction.
+    # Next to a standstill this inset in time is hardly any path. The arc length needs its own inset, because the path
+    # may change its direction at an exact stop.
     start_mm, end_mm = profile.s_mm[samples.owner], profile.s_mm[samples.owner + 1]
     inset_mm = np.maximum(_INSET_OF_WAY * (end_mm - start_mm), _INSET_STEPS * np.spacing(end_mm))
     inside_mm = np.clip(states.s_mm, start_mm + inset_mm, end_mm - inset_mm)

@@ -1,4 +1,4 @@
-"""Rows of a report from sampled axis motion, the same for both grids."""
+"""Rows of an audit report from sampled axis motion; both grids use the same functions."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from feedopt_core.motion.certificate import AuditRow
 
 @dataclass(frozen=True)
 class AxisMotion:
-    """Sampled motion; shape (n_axes, n) each, s_mm and t_s shape (n,).
+    """Sampled motion; arrays of shape (n_axes, n), s_mm and t_s of shape (n,).
 
-    ``jerk_mm_s3`` may be sampled at other instants than the rest; it then has its own s and t.
+    ``jerk_mm_s3`` may be sampled at other instants than velocity and acceleration; it then has its own s and t.
     """
 
     velocity_mm_s: FloatArray
@@ -29,7 +29,7 @@ class AxisMotion:
 
 def control_signal(drive: DriveModel, motion: AxisMotion) -> FloatArray:
     """Control signal by the drive model, shape (n_axes, n), V."""
-    # One layout, so one compiled version for both grids.
+    # With one memory layout, one compiled version serves both grids.
     v, a = np.ascontiguousarray(motion.velocity_mm_s), np.ascontiguousarray(motion.acceleration_mm_s2)
     inertia, viscous, offset, coulomb = (
         np.array(values)
@@ -65,20 +65,20 @@ def worst_rows(
     limits: tuple[float, ...],
     at: tuple[FloatArray, FloatArray],
 ) -> list[AuditRow]:
-    """One row an axis that has a limit, for the largest absolute value.
+    """One row for each axis that has a limit, with the largest absolute value.
 
     Args:
-        grid, quantity: of the rows.
-        machine: for the names of its axes.
+        grid, quantity: grid and quantity of the rows.
+        machine: machine with the names of the axes.
         values: shape (n_axes, n).
-        limits: one an axis; infinity makes no row.
+        limits: one for each axis; an axis with an infinite limit gets no row.
         at: arc length and time of the values, shape (n,) each.
     """
     rows = []
     for name, row, limit in zip(machine.axis_names, np.abs(values), limits, strict=True):
         if math.isinf(limit):
             continue
-        # argmax finds a NaN first, so it cannot hide.
+        # argmax returns the first NaN if there is one, so NaN is always reported.
         worst = int(np.argmax(row))
         value = float(row[worst])
         place = (float(at[0][worst]), float(at[1][worst]))
@@ -96,7 +96,10 @@ def kinematic_rows(grid: str, machine: Machine, motion: AxisMotion) -> list[Audi
 
 
 def drive_rows(grid: str, machine: Machine, motion: AxisMotion) -> list[AuditRow]:
-    """Rows of control signal and tracking error, where the machine has the models (the error by its planned part)."""
+    """Rows of control signal and tracking error, where the machine has these models.
+
+    The tracking error is compared with the part of its limit that a plan may use.
+    """
     at, rows = (motion.s_mm, motion.t_s), list[AuditRow]()
     if machine.drive is not None and machine.control_limit_volts is not None:
         signal_volts = control_signal(machine.drive, motion)

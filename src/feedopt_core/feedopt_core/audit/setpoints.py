@@ -1,8 +1,7 @@
-"""Audit of set points by finite differences, rest before and after included: what the drives are really asked for.
+"""Audit of set points by finite differences, with the standstill before and after: the motion that the drives receive.
 
-Differences of order n over the period h are averages of the n-th derivative over n periods, so where the motion obeys
-its limits at every instant, and at rest, the differences do too; a limit broken between two set points shows on the
-fine grid.
+Differences of order n over the period h are averages of the n-th derivative over n periods. So where the motion keeps
+its limits at every instant, the differences keep them too. A violation between two set points shows on the fine grid.
 """
 
 from __future__ import annotations
@@ -15,33 +14,33 @@ from feedopt_core.machine.machine_file import Machine
 from feedopt_core.motion.certificate import AuditReport
 
 GRID = "set points"
-_REST = 3
+_STANDSTILL_TICKS = 3
 _LONGEST_DRIVE_PERIOD_S = 0.0025
-"""Above it, differences over four periods are too coarse for the drive models; the fine grid alone judges them."""
+"""Above this period, differences over four periods are too coarse for the drive models; the fine grid checks these."""
 
 
 def audit_setpoints(
     position_mm: FloatArray, s_mm: FloatArray, period_s: float, machine: Machine, t_start_s: float = 0.0
 ) -> AuditReport:
-    """Worst ratios of equidistant set points that start and end at rest.
+    """Largest ratios to the limits of equidistant set points that start and end at standstill.
 
-    Control signal and tracking error mix differences over two to four periods. With a period of 10 ms they were off by
-    0.2 % of the limit, so they are judged here up to a period of 2.5 ms only.
+    Control signal and tracking error combine differences over two to four periods. With a period of 10 ms their error
+    was 0.2 % of the limit, so they are checked here only up to a period of 2.5 ms.
 
     Args:
         position_mm: axis positions, shape (n, n_axes), first to last set point of the motion.
         s_mm: arc length of each set point, shape (n,), for the report only.
         period_s: time between set points.
-        machine: whose limits count.
+        machine: machine with the limits.
         t_start_s: time of the first set point, for the report.
     """
-    x = np.pad(position_mm, ((_REST, _REST), (0, 0)), mode="edge").T
-    s = np.pad(s_mm, _REST, mode="edge")
-    t = np.asarray(t_start_s + period_s * (np.arange(x.shape[1]) - _REST), dtype=np.float64)
-    # Largest differences, each at its own instants: nothing is smoothed away.
+    x = np.pad(position_mm, ((_STANDSTILL_TICKS, _STANDSTILL_TICKS), (0, 0)), mode="edge").T
+    s = np.pad(s_mm, _STANDSTILL_TICKS, mode="edge")
+    t = np.asarray(t_start_s + period_s * (np.arange(x.shape[1]) - _STANDSTILL_TICKS), dtype=np.float64)
+    # Each difference is taken at its own instants, so no peak is averaged away.
     velocity = np.diff(x, axis=1) / period_s
     jerk = np.diff(x, n=3, axis=1) / period_s**3
-    # Everything at the set points themselves, for the drive model.
+    # The drive models need all differences at the same instants: the set points.
     inner = slice(2, -2)
     motion = AxisMotion(
         velocity_mm_s=((x[:, 2:] - x[:, :-2]) / (2.0 * period_s))[:, 1:-1],

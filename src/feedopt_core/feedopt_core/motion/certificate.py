@@ -1,4 +1,4 @@
-"""What an audit finds, for each axis and quantity the worst ratio to its limit and where; and a chunk's part of it."""
+"""Results of an audit: for each axis and quantity the largest ratio to its limit; and the certificate of a chunk."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from feedopt_core.machine.machine_file import Machine
 
 ALLOWED_RATIO = 1.001
-"""Largest ratio that passes. The optimisation keeps a margin below 1; this is room for rounding in differences."""
+"""Largest ratio that passes. The optimisation keeps a margin below 1; the part above 1 covers rounding errors."""
 
 
 @dataclass(frozen=True)
@@ -20,10 +20,10 @@ class AuditRow:
         grid: ``fine`` (analytic, finer than the optimisation's mesh) or ``set points`` (their finite differences).
         axis: name of the axis; empty for the feedrate along the path.
         quantity: feedrate, velocity, acceleration, jerk, control or tracking_error.
-        value: largest size found, in the unit of the limit.
+        value: largest absolute value found, in the unit of the limit.
         limit: the limit.
         ratio: value / limit (for the feedrate: the largest ratio, as the programmed limit changes along the path).
-        s_mm, t_s: where and when.
+        s_mm, t_s: arc length and time of the value.
     """
 
     grid: str
@@ -49,7 +49,7 @@ class AuditReport:
 
     @property
     def holds(self) -> bool:
-        """Every ratio is at most :data:`ALLOWED_RATIO`."""
+        """Whether every ratio is at most :data:`ALLOWED_RATIO`."""
         return all(row.ratio <= ALLOWED_RATIO for row in self.rows)
 
     def as_list(self) -> list[dict[str, str | float]]:
@@ -70,9 +70,9 @@ def merge(reports: Iterable[AuditReport]) -> AuditReport:
 
 @dataclass(frozen=True)
 class Certificate:
-    """Extremes that the audit found over committed part and stop; per axis, in the order of the machine file.
+    """Largest values that the audit found over committed part and stop, for each axis in the order of the machine file.
 
-    The extremes of a quantity are empty where the machine file gives no limit of it.
+    The values of a quantity are empty where the machine file gives no limit for it.
     """
 
     max_velocity_mm_s: tuple[float, ...]
@@ -87,7 +87,7 @@ class Certificate:
 
     @classmethod
     def of(cls, report: AuditReport, machine: Machine) -> Certificate:
-        """Extremes of a fine-grid report."""
+        """Certificate from an audit report of the fine grid."""
         found: dict[tuple[str, str], AuditRow] = {(row.quantity, row.axis): row for row in report.rows}
 
         def extremes(quantity: str) -> tuple[float, ...]:
@@ -108,5 +108,5 @@ class Certificate:
 
 
 def _severity(row: AuditRow) -> float:
-    """Order of badness; a ratio that is not a number is the worst of all and must never be lost in a comparison."""
+    """Sort key of a row: its ratio, and infinity for NaN, which no comparison would report otherwise."""
     return math.inf if math.isnan(row.ratio) else row.ratio

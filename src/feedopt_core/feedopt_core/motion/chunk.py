@@ -1,4 +1,4 @@
-"""A published piece of the feed profile: what is committed, the stop behind it, its certificate and its cost."""
+"""A chunk of the feed profile: committed part, stop in reserve, certificate and solver figures."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from feedopt_core.motion.profile import FeedProfile
 
 @dataclass(frozen=True)
 class SolverFigures:
-    """What the plan of one window took; ``solver`` is the one that found it.
+    """Size and effort of one window's plan; ``solver`` names the solver that found it.
 
-    ``fallback``: the window had no plan, so the chunk ends in a stop that the path does not ask for: the stop of the
-    chunk before, or from rest the end of a shorter window.
+    ``fallback``: no plan was found for the whole window, so the chunk ends in a stop that the path does not need. It is
+    the stop in reserve of the chunk before or, from standstill, the end of a shorter window.
     """
 
     method: str
@@ -30,8 +30,8 @@ class SolverFigures:
 class Chunk:
     """Committed part and stop of one window; the fields are those of the message.
 
-    ``profile`` runs from ``s_start_mm`` to ``s_stop_mm``, ``s_commit_mm`` is one of its element ends.
-    ``dwell_s`` is the time to wait there, at rest, before the next chunk starts.
+    ``profile`` runs from ``s_start_mm`` to ``s_stop_mm``; ``s_commit_mm`` is the end of one of its elements.
+    ``dwell_s`` is the time to wait at standstill at ``s_commit_mm`` before the next chunk starts.
     """
 
     sequence: int

@@ -1,9 +1,8 @@
 """The feed profile q(s) = feedrate^2 and its exact motion in time.
 
-On a QUADRATIC element ``d2s/dt2 = (dq/ds)/2`` is linear in s, so s(t) is hyperbolic, trigonometric or a polynomial,
-without any stepping. REST_START and REST_END are elements of constant path jerk, ``s = J t^3 / 6``, that is q = (9 J /
-2)^(2/3) s^(4/3), which no polynomial in s can hold. This is the one implementation that planner, audit and
-interpolator share.
+On a QUADRATIC element ``d2s/dt2 = (dq/ds)/2`` is linear in s, so s(t) is a hyperbolic, trigonometric or polynomial
+function in closed form. REST_START and REST_END are standstill elements of constant path jerk, ``s = J t^3 / 6``, so
+``q = (9 J / 2)^(2/3) s^(4/3)``, which is no polynomial in s. Planner, audit and interpolator all use this module.
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ class FeedProfile:
         q_mm2_s2: q at the start of each element; 0 for REST_START.
         dq_ds_mm_s2: dq/ds there; 0 for REST_START.
         d2q_ds2_per_s2: d2q/ds2 of QUADRATIC elements; 0 for the others.
-        jerk_mm_s3: path jerk of elements at rest, positive; 0 for QUADRATIC.
+        jerk_mm_s3: path jerk of standstill elements, positive; 0 for QUADRATIC.
         times_s: time at the ends of the elements from the start of the profile, shape (n + 1,); derived.
 
     Raises:
@@ -104,7 +103,7 @@ class FeedProfile:
         )
 
     def q_at(self, s_mm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """q, dq/ds and d2q/ds2 at arc lengths inside the profile, shape (n,) each; d2q/ds2 is infinite at rest."""
+        """q, dq/ds, d2q/ds2 at arc lengths inside the profile, shape (n,) each; d2q/ds2 is infinite at standstill."""
         e = self._elements_at(s_mm, self.s_mm)
         x = s_mm - self.s_mm[e]
         bend = self.d2q_ds2_per_s2[e]
@@ -114,9 +113,9 @@ class FeedProfile:
             here = self.kind[e] == kind
             if np.any(here):
                 width = self.s_mm[e[here] + 1] - self.s_mm[e[here]]
-                from_rest = x[here] if sign > 0.0 else width - x[here]
+                from_standstill = x[here] if sign > 0.0 else width - x[here]
                 scale = (4.5 * self.jerk_mm_s3[e[here]]) ** (2.0 / 3.0)
-                root = np.cbrt(np.maximum(from_rest, 0.0))
+                root = np.cbrt(np.maximum(from_standstill, 0.0))
                 q[here] = scale * root**4
                 slope[here] = sign * scale * 4.0 / 3.0 * root
                 with np.errstate(divide="ignore"):
@@ -160,8 +159,8 @@ class FeedProfile:
         q0, slope, k = self.q_mm2_s2[e], self.dq_ds_mm_s2[e], 0.5 * self.d2q_ds2_per_s2[e]
         q1 = q0 + (slope + k * x) * x
         with np.errstate(divide="ignore", invalid="ignore"):
-            # Rounding may leave a hair below zero where an element ends in q = 0; more than a hair is an error of the
-            # plan.
+            # Where an element ends in q = 0, rounding may give a tiny negative q. A larger negative q is an error of
+            # the plan.
             total = np.sqrt(q0) + np.sqrt(np.where(q1 > -1e-9 * (q0 + 1.0), np.maximum(q1, 0.0), np.nan))
             mean_time = np.where(x > 0.0, 2.0 * x / total, 0.0)
             times = mean_time * _atanh_over(0.25 * k * mean_time**2)
@@ -204,11 +203,11 @@ def _motion(
             out[_J, i] = k * out[_V, i]
         else:
             sign = 1.0 if element.kind == _REST_START else -1.0
-            from_rest = tau if sign > 0.0 else times_s[e + 1] - times_s[e] - tau
-            rest_mm = s_mm[e] if sign > 0.0 else s_mm[e + 1]
-            out[_S, i] = rest_mm + sign * jerk * from_rest**3 / 6.0
-            out[_V, i] = 0.5 * jerk * from_rest**2
-            out[_A, i] = sign * jerk * from_rest
+            from_standstill = tau if sign > 0.0 else times_s[e + 1] - times_s[e] - tau
+            standstill_mm = s_mm[e] if sign > 0.0 else s_mm[e + 1]
+            out[_S, i] = standstill_mm + sign * jerk * from_standstill**3 / 6.0
+            out[_V, i] = 0.5 * jerk * from_standstill**2
+            out[_A, i] = sign * jerk * from_standstill
             out[_J, i] = jerk
     return out
 
@@ -218,7 +217,7 @@ def _stumpff(k: float, t: float) -> tuple[float, float, float]:
     """cosh(w t), sinh(w t) / w and (cosh(w t) - 1) / w^2 with w^2 = k of either sign."""
     z = k * t**2
     if abs(z) < 0.05:
-        # Series up to z^6: what is left out is below rounding.
+        # Series up to z^6: the truncation error is smaller than rounding.
         over, bulge = 1.0, 1.0
         for n in range(6, 0, -1):
             over = 1.0 + z * over / ((2.0 * n) * (2.0 * n + 1.0))

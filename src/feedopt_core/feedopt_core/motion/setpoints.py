@@ -1,8 +1,8 @@
 """Set points in time: exact s(t) from the feed profile, then r(s) from the toolpath, in blocks of equidistant ticks.
 
-Set points stay equidistant from the rest before the motion to the rest after it: also while the machine waits on the
-    path because no further chunk came in time, and up to the last one, which stands at the first tick at or after the
-    end of motion.
+Set points are equidistant in time from the standstill before the motion to the standstill after it. This also holds
+while the machine waits on the path because no further chunk came in time. The motion ends at the first tick at or after
+the end of the last profile.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class SetpointStream:
         self._parameters = parameters
         self._chunks: deque[Chunk] = deque()
         self._next_tick = -parameters.rest_before_ticks
-        # Program time = tick * period - wait: the time spent waiting at rest is not part of any profile.
+        # Program time = tick * period - wait: the time spent waiting at standstill is not part of any profile.
         self._wait_s = 0.0
         self._end_tick: int | None = None
 
@@ -82,11 +82,11 @@ class SetpointStream:
         return max(0.0, self._next_tick * self._period_s - self._wait_s)
 
     def add_segment(self, segment: Segment) -> None:
-        """Take in the next segment. Raises ToolpathError where it does not join the one before."""
+        """Append the next segment. Raises ToolpathError where it does not start at the end of the one before."""
         self.toolpath.append(segment)
 
     def add_chunk(self, chunk: Chunk) -> bool:
-        """Take in the next chunk; False where it is refused because the machine already takes the stop before it.
+        """Append the next chunk; False where it is refused because the machine already takes the stop before it.
 
         Raises:
             ToolpathError: the chunk does not continue the ones before.
@@ -118,7 +118,7 @@ class SetpointStream:
         """The next set points, at most ``count``; None before the first chunk and after the last set point.
 
         Raises:
-            ToolpathError: the path the chunks lead over has not arrived.
+            ToolpathError: the path of the chunks has not arrived.
         """
         if not self._chunks or (self._end_tick is not None and self._next_tick > self._end_tick):
             return None
@@ -144,24 +144,24 @@ class SetpointStream:
         )
 
     def _find_end(self, last_tick: int) -> None:
-        """Where the last chunk ends in this block or before, the last tick; where any other does, the stop is taken."""
+        """Set the last tick once the last chunk is here; before that, note a stop taken for lack of the next chunk."""
         newest = self._chunks[-1]
         if newest.last:
-            # A hair of slack: a motion time that is a whole number of ticks must not gain one by rounding.
+            # The 1e-9 is slack for rounding: a motion time of a whole number of ticks must not get one more.
             motion_end = int(np.ceil((newest.t_commit_s + newest.dwell_s + self._wait_s) / self._period_s - 1e-9))
             self._end_tick = motion_end + self._parameters.rest_after_ticks
         elif last_tick * self._period_s - self._wait_s >= newest.t_commit_s + newest.dwell_s:
             self.starved_chunk_sequence = newest.sequence
 
     def _motion(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-        """Path motion and chunk of each instant; at rest before the first chunk and behind the last."""
+        """Path motion and chunk at each instant; standstill before the first chunk and after the last."""
         starts = np.array([chunk.t_start_s for chunk in self._chunks])
         owner = np.clip(np.searchsorted(starts, t_s, side="right") - 1, 0, len(starts) - 1)
         s, v, a = np.empty_like(t_s), np.empty_like(t_s), np.empty_like(t_s)
         source = np.empty(len(t_s), dtype=np.int64)
         for index in np.unique(owner):
             chunk, here = self._chunks[index], owner == index
-            # Outside its time a profile that starts (or ends) at rest stands still there.
+            # Before its start or after its end, a profile with a standstill there stays in it.
             states = chunk.profile.states_at(t_s[here] - chunk.t_start_s)
             s[here], v[here], a[here] = states.s_mm, states.v_mm_s, states.a_mm_s2
             source[here] = chunk.sequence
@@ -169,7 +169,7 @@ class SetpointStream:
         return s, v, a, source
 
     def _forget(self, s_mm: float, t_s: float) -> None:
-        """Drop chunks and path that lie behind."""
+        """Drop chunks and path that the set points have passed."""
         while len(self._chunks) > 1 and self._chunks[1].t_start_s <= t_s:
             self._chunks.popleft()
         self.toolpath.discard_before(s_mm)

@@ -158,7 +158,7 @@ def test_shaken_set_point_is_found_where_it_is(setpoints: Setpoints, at_s: float
 
 
 def test_jump_at_the_very_start_or_end_is_found(setpoints: Setpoints) -> None:
-    """A motion that does not start at rest: the rest before it is part of the audit."""
+    """A motion that does not start at standstill: the standstill before it is part of the audit."""
     for part in (slice(30, None), slice(None, -30)):
         report = audit_setpoints(setpoints.position_mm[part], setpoints.s_mm[part], PERIOD_S, MACHINE)
         assert not report.holds

@@ -1,4 +1,4 @@
-"""A dwell behind an exact stop: the machine rests for its time, at its place, and no time is lost elsewhere."""
+"""A dwell behind an exact stop: the machine waits there for the dwell time, and loses no time elsewhere."""
 
 from __future__ import annotations
 

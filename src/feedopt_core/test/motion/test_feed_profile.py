@@ -35,7 +35,7 @@ def profile(
 
 
 def rest_to_rest(jerk: float = 3000.0, width_mm: float = 0.5) -> FeedProfile:
-    """Leaves rest with constant jerk, passes a bump of constant curvature of q, comes to rest the same way."""
+    """Leaves standstill with constant jerk, passes elements of constant d2q/ds2, comes to standstill the same way."""
     q = (4.5 * jerk) ** (2.0 / 3.0) * width_mm ** (4.0 / 3.0)
     slope = 4.0 / 3.0 * q / width_mm
     bend = -2.0 * slope / 4.0
@@ -210,7 +210,7 @@ def test_element_at_rest_needs_a_positive_jerk(jerk: float) -> None:
 
 
 def test_element_may_end_exactly_at_zero_feed() -> None:
-    """Uniform braking to rest: q falls linearly to 0, s and t are those of constant acceleration."""
+    """Uniform braking to standstill: q falls linearly to 0, s and t are those of constant acceleration."""
     element = quadratic(100.0, -50.0, 0.0, 2.0)
     assert element.duration_s == pytest.approx(10.0 / 25.0, rel=1e-12)
     assert element.states_at(np.array([element.duration_s])).v_mm_s[0] == pytest.approx(0.0, abs=1e-9)

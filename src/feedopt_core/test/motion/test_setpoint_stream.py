@@ -1,4 +1,4 @@
-"""Set points: equidistant, rest before and after, the same whatever the size of the blocks."""
+"""Set points: equidistant, standstill before and after, equal for every size of the blocks."""
 
 from __future__ import annotations
 

@@ -124,7 +124,7 @@ def test_chunks_in_time_never_stop_the_machine() -> None:
 
 @pytest.mark.parametrize("block_ticks", [2, 10, 137])
 def test_late_chunk_stops_the_machine_on_the_path(block_ticks: int) -> None:
-    """Chunk 3 comes long after the stop: the machine rests there, then goes on from rest."""
+    """Chunk 3 comes long after the stop: the machine waits there, then continues from standstill."""
     recorded = Stream(WAVE, lambda n: 3000 if n == 3 else 0, block_ticks).run()
     assert recorded.starved == [2]
     assert recorded.refused[0] == 3
@@ -160,7 +160,7 @@ def test_machine_that_starves_after_every_chunk_still_arrives() -> None:
 
 
 def test_late_chunk_after_an_exact_stop() -> None:
-    """The chunk before ends at rest itself: waiting there is no fault, nothing is planned anew."""
+    """The chunk before ends at standstill itself: waiting there is no starvation, and nothing is planned again."""
     segments: list[Segment] = list(polyline([(0, 0), (40, 0), (40, 30)]))
     recorded = Stream(segments, lambda n: 2500 if n == 2 else 0, 20).run()
     assert recorded.refused == []
