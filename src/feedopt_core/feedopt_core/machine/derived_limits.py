@@ -12,24 +12,24 @@ from feedopt_core.machine.limits import KinematicLimits, MotionLimits
 from feedopt_core.machine.machine_file import DriveModel, Machine, TrackingModel
 
 _LEAST_ACCELERATION_SHARE = 0.2
-"""Share of the control signal or tracking error that velocity must leave to acceleration, else velocity gives way."""
+"""Share of control signal or tracking error that velocity leaves to acceleration; else the velocity is lowered."""
 _LEAST_JERK_SHARE = 0.1
-"""Share of the tracking error that velocity and acceleration must leave to jerk."""
+"""Share of the tracking error that velocity and acceleration leave to jerk."""
 
 _RAMP_SHARE = 0.4
-"""Share of the tracking error that the acceleration may take on an element at rest."""
+"""Share of the tracking error that the acceleration may take on a standstill element."""
 _BRAKING_JERK_SHARE = 0.2
 """Share of the tracking error that the jerk takes at the ends of a stop."""
 
 
 def derived_limits(machine: Machine) -> KinematicLimits:
-    """The machine's kinematic limits, lowered axis by axis until its drive limits cannot be exceeded.
+    """Kinematic limits of the machine, lowered for each axis until no motion within them can violate a drive limit.
 
-    With ``m a + b v + |c| + d <= u`` and ``Kv v + Ka a + Kj j <= e`` at the largest v, a and j at once, no motion
-    within the returned limits can break a drive limit. Acceleration gives way first, then velocity, then jerk.
+    ``m a + b v + |c| + d <= u`` and ``Kv v + Ka a + Kj j <= e`` hold even if v, a and j are largest at the same time.
+    Acceleration is lowered first, then velocity, then jerk.
 
     Raises:
-        InfeasibleLimitsError: friction alone needs the whole control signal.
+        InfeasibleLimitsError: friction and offset alone need the whole control signal.
     """
     limits = KinematicLimits.of(machine)
     v, a, j = _largest_velocity(limits), limits.acceleration_mm_s2.copy(), limits.jerk_mm_s3.copy()
@@ -44,9 +44,10 @@ def derived_limits(machine: Machine) -> KinematicLimits:
 
 
 def attainable_limits(limits: MotionLimits) -> KinematicLimits:
-    """Largest velocity, acceleration and jerk of each axis, each where nothing else needs a share of the limits.
+    """Largest velocity, acceleration and jerk of each axis, each one as if the other two were zero.
 
-    All are finite where the machine file passed its checks; they size rest elements, windows and first guesses.
+    All are finite for a machine file that passed its checks. They determine the size of standstill elements and
+    windows, and the first guesses.
     """
     kinematic = limits.kinematic
     v, a, j = _largest_velocity(kinematic), kinematic.acceleration_mm_s2, kinematic.jerk_mm_s3
@@ -65,9 +66,10 @@ def attainable_limits(limits: MotionLimits) -> KinematicLimits:
 
 
 def ramp_limits(limits: MotionLimits) -> KinematicLimits:
-    """Attainable limits with an acceleration up to which the jerk may stay what it is at rest, for rest elements.
+    """Attainable limits for standstill elements, with a lower acceleration where the machine has a tracking model.
 
-    A tracking error is shared: what the acceleration takes of it, the jerk loses.
+    Acceleration and jerk share the limit of the tracking error: what the acceleration takes is lost to the jerk. Up to
+    the acceleration returned here, the jerk may stay as large as it is at the standstill.
     """
     reach, tracking = attainable_limits(limits), limits.tracking
     if tracking is None:
@@ -78,9 +80,10 @@ def ramp_limits(limits: MotionLimits) -> KinematicLimits:
 
 
 def braking_limits(limits: MotionLimits) -> KinematicLimits:
-    """Limits within which every axis can brake from its largest velocity: friction helps, viscous drag is left out.
+    """Limits within which every axis can brake from its largest velocity, without the help of viscous friction.
 
-    The tracking error is shared between acceleration and jerk; while braking, that of the velocity has the other sign.
+    Coulomb friction helps to brake and is counted. Acceleration and jerk share the tracking error; the part of the
+    velocity has the opposite sign while the axis brakes.
     """
     reach, tracking = attainable_limits(limits), limits.tracking
     a, j = limits.kinematic.acceleration_mm_s2, reach.jerk_mm_s3
@@ -98,7 +101,7 @@ def braking_limits(limits: MotionLimits) -> KinematicLimits:
 
 
 def _largest_velocity(limits: KinematicLimits) -> FloatArray:
-    """Velocity limit of each axis, or what the feed limit leaves it, shape (n_axes,)."""
+    """Largest velocity of each axis under velocity and feed limits, shape (n_axes,)."""
     return np.asarray(
         np.minimum(limits.velocity_mm_s, limits.feed_mm_s * np.linalg.norm(limits.axis_matrix, axis=1)),
         dtype=np.float64,
@@ -126,7 +129,7 @@ def _within_tracking(
     per_v, per_a, per_j = (
         abs(row[axis]) for row in (tracking.tracking_kv_s, tracking.tracking_ka_s2, tracking.tracking_kj_s3)
     )
-    # A share of the error stays for the jerk, where it needs one: without jerk no acceleration can be built up.
+    # Where the jerk causes tracking error, it gets a share: without jerk no acceleration can be built up.
     for_jerk = min(per_j * j, _LEAST_JERK_SHARE * limit_mm) if per_j > 0.0 else 0.0
     v, a = _shared(limit_mm - for_jerk, per_v, per_a, v, a)
     left_mm = limit_mm - per_v * v - per_a * a

@@ -1,4 +1,4 @@
-"""The limits of a machine as arrays: those of its axes, its drives and its tracking errors."""
+"""The limits of a machine as arrays: kinematic limits, control signals and tracking errors."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class KinematicLimits:
 
 @dataclass(frozen=True)
 class ControlLimits:
-    """Drive model (thesis section 3.6.1) and largest control signal of each axis, shape (n_axes,); V, mm and s."""
+    """Drive model (thesis section 3.6.1) and largest control signal of each axis, shape (n_axes,); in V, mm and s."""
 
     inertia_volts_s2_mm: FloatArray
     viscous_volts_s_mm: FloatArray
@@ -45,7 +45,7 @@ class ControlLimits:
 
 @dataclass(frozen=True)
 class TrackingLimits:
-    """Tracking model (thesis section 3.6.1) and largest error that a plan may use, shape (n_axes,); mm and s."""
+    """Tracking model (thesis section 3.6.1) and largest error that a plan may use, shape (n_axes,); in mm and s."""
 
     kv_s: FloatArray
     ka_s2: FloatArray
@@ -55,7 +55,7 @@ class TrackingLimits:
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """All limits that a plan obeys; control and tracking are None where they do not count."""
+    """All limits that a plan keeps; ``control`` and ``tracking`` are None where they are not limited."""
 
     axis_names: tuple[str, ...]
     kinematic: KinematicLimits

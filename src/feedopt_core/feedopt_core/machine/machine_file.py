@@ -1,7 +1,7 @@
 """Machine files: axes, limits and the identified drive model.
 
-No limit has a default. A limit of velocity, acceleration or jerk may be absent where something else that the file gives
-bounds the motion: it is then infinity, and nothing is checked against it.
+No limit has a default. A limit of velocity, acceleration or jerk may be absent where another limit in the file bounds
+the motion. It is then infinity, and nothing is checked against it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from feedopt_core.schema import build, parameter
 
 COORDINATES = ("x", "y", "z")
 DEFAULT_PERIOD_S = 0.001
-"""Time between set points where the machine file gives none."""
+"""Time between set points if the machine file does not give it."""
 _SECTION = ("/**", "ros__parameters", "machine")
 
 
@@ -79,7 +79,7 @@ class Machine:
 
     @property
     def planned_tracking_error_mm(self) -> tuple[float, ...] | None:
-        """Tracking error that a plan may use by the model: the limit less the reserve; None without a limit."""
+        """Tracking error by the model that a plan may use: the limit minus the reserve; None without a limit."""
         if self.tracking_error_limit_mm is None or self.tracking_error_reserve_mm is None:
             return self.tracking_error_limit_mm
         rows = zip(self.tracking_error_limit_mm, self.tracking_error_reserve_mm, strict=True)
@@ -164,7 +164,7 @@ class _LimitedTracking(TrackingModel):
 
 @dataclass(frozen=True, kw_only=True)
 class _MachineSection:
-    """The section of a machine file."""
+    """Parameters of a machine file."""
 
     name: str = parameter("Name of the machine.")
     source: str = parameter("Where its figures come from.", default="")

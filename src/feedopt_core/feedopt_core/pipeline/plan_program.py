@@ -29,7 +29,7 @@ _BLOCK_TICKS = 1000
 
 @dataclass(frozen=True)
 class Setpoints:
-    """Set points of a whole program, first at rest at t = 0, last at rest.
+    """Set points of a whole program, from standstill at t = 0 to standstill at the end.
 
     ``position_mm`` has shape (n, n_axes), ``tool_mm`` (n, 3) with z = 0 on plane machines, the others (n,).
     """
@@ -48,13 +48,13 @@ class Plan:
 
     Attributes:
         toolpath: the whole path.
-        chunks: as they would be published.
+        chunks: chunks as the planner node would publish them.
         setpoints: at the interpolator's period.
         audit: worst ratios on the fine grid and at the set points.
         deviation: of the smoothed from the programmed path; None for points, which are passed through.
-        motion_time_s: from rest to rest.
+        motion_time_s: from standstill to standstill.
         compute_time_s: reading, smoothing and planning.
-        first_chunk_s: the part of that until the first chunk.
+        first_chunk_s: part of ``compute_time_s`` until the first chunk.
     """
 
     toolpath: Toolpath
@@ -74,19 +74,20 @@ def plan_program(
     tolerance_mm: float = DEFAULT_TOLERANCE_MM,
     transitions: LayerTransitions | None = None,
 ) -> Plan:
-    """Plan a program file as the nodes would: segment by segment, chunk by chunk.
+    """Plan a program file as the nodes do: one segment and one chunk after another.
 
     Args:
-        path: of the program.
-        machine: with its limits.
-        parameters: of the planner.
+        path: program file.
+        machine: machine with its limits.
+        parameters: parameters of the planner.
         tolerance_mm: largest distance of the smoothed from the programmed path, above zero.
-        transitions: replace the ways between layers of closed contours; None: all as programmed.
+        transitions: replace the moves between layers of closed contours; None: keep all as programmed.
 
     Raises:
-        ToolpathError, InfeasibleLimitsError, SolverError, ConfigError: see their places.
+        ToolpathError: see :func:`read_program`.
+        ConfigError, InfeasibleLimitsError, SolverError: see :class:`StreamPlanner`.
     """
-    # What is compiled is loaded before the clock starts: it is no part of planning.
+    # Compiled code is loaded before the clock starts, because loading is not part of planning.
     warm_up()
     began = time.perf_counter()
     planner = StreamPlanner(machine, parameters)
@@ -115,7 +116,7 @@ def plan_program(
 
 
 def interpolate(toolpath: Toolpath, chunks: list[Chunk], machine: Machine) -> Setpoints:
-    """Set points of complete chunks over a complete path, from tick 0 to the first tick at rest behind the motion."""
+    """Set points of all chunks of a program, from tick 0 to the first tick at standstill after the motion."""
     stream = SetpointStream(machine, InterpolatorParameters(rest_before_ticks=0, rest_after_ticks=0))
     for segment in toolpath.segments:
         stream.add_segment(segment)

@@ -1,4 +1,4 @@
-"""From a program, file, text or stream of lines, to its moves and to the segments of its smoothed toolpath."""
+"""Read a program, given as file, text or stream of lines: its moves, and the segments of its smoothed toolpath."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from feedopt_core.smoothing.cubic_spline import DEFAULT_TOLERANCE_MM, interpolat
 from feedopt_core.smoothing.stage import smooth
 
 LONGEST_LINE = 1_000_000
-"""Bytes: a longer line is no line of a program, and would fill the memory before anyone could say so."""
+"""Bytes. A longer line is refused: it belongs to no program, and reading it could fill the memory."""
 _LOOK_AHEAD_LINES = 50
 _POINT = re.compile(r"\s*(?:[-+.\d][^,A-Za-z()%;]*(?:[eE][-+]?\d+\s*)?,|x_mm\s*,)")
 
 
 class ProgramKind(Enum):
-    """What a program is written in."""
+    """Formats of programs."""
 
     POINTS = "points"
     GCODE = "G-code"
@@ -52,9 +52,9 @@ class Program:
     """A program that has not been read yet.
 
     Attributes:
-        kind: what it is written in.
-        content: the file, or the lines; lines that are an iterator can be read once. None among them: the next line
-            has not come yet, and what has been read goes on its way first.
+        kind: format of the program.
+        content: the file, or the lines. An iterator of lines can be read only once. None among the lines means that the
+            next line has not arrived yet; the lines read so far are processed first.
     """
 
     kind: ProgramKind
@@ -62,13 +62,13 @@ class Program:
 
     @classmethod
     def from_text(cls, text: str, name: str = "") -> Program:
-        """Program given as text; its kind is told by the suffix of its name, or else recognised by the content."""
+        """Program given as text; its kind follows from the suffix of its name, or else from the content."""
         lines = text.splitlines(keepends=True)
         return cls(_kind_by_name(name) or _kind_of(lines[:_LOOK_AHEAD_LINES]), lines)
 
     @classmethod
     def from_lines(cls, lines: Iterable[str | None], name: str = "") -> Program:
-        """Program given as a stream of lines; its kind is told by the suffix of its name, or by its first lines."""
+        """Program given as a stream of lines; its kind follows from the suffix of its name, or from its first lines."""
         kind = _kind_by_name(name)
         if kind is not None:
             return cls(kind, lines)
@@ -78,7 +78,7 @@ class Program:
             if line is None:
                 continue
             head.append(line)
-            # DXF shows in its second line.
+            # DXF is recognised by its second line.
             if sum(1 for text in head if text.strip()) == 2 or len(head) == _LOOK_AHEAD_LINES:
                 break
         return cls(_kind_of(head), itertools.chain(head, stream))
@@ -88,15 +88,15 @@ class Program:
         return (line for line in self.stream(source) if line is not None)
 
     def stream(self, source: str) -> Iterator[str | None]:
-        """Its lines, and None wherever the next one has not come yet. Raises ToolpathError as above."""
+        """Its lines, and None where the next one has not arrived yet. Raises ToolpathError as :meth:`lines` does."""
         yield from _file_lines(self.content, source) if isinstance(self.content, Path) else self.content
 
 
 def open_program(path: Path) -> Program:
-    """Program in a file; its kind is told by the suffix. The content is read later, as a stream where its kind allows.
+    """Program in a file; its kind follows from the suffix. The content is read later, as a stream if its kind allows.
 
     Raises:
-        ToolpathError: it cannot be opened, or is of a kind that is not read.
+        ToolpathError: the file cannot be opened, or its kind is unknown.
     """
     kind = _kind_by_name(path.name)
     if kind is None:
@@ -116,18 +116,18 @@ def read_moves(program: Program, source: str, transitions: LayerTransitions | No
 
     Args:
         program: the program.
-        source: its name, for errors.
-        transitions: replace the ways between layers of closed contours; None: all as programmed.
+        source: name of the program in errors.
+        transitions: replace the moves between layers of closed contours; None: keep all as programmed.
 
     Raises:
-        ToolpathError: the program cannot be read; or it holds points, which are passed through and make no moves.
+        ToolpathError: the program cannot be read, or it is a list of points, which has no moves.
     """
     moves = _programmed_moves(program, source)
     return moves if transitions is None else with_layer_transitions(moves, transitions.reach_mm, transitions.side)
 
 
 def _programmed_moves(program: Program, source: str) -> Iterator[Move]:
-    # The readers load libraries of their own.
+    # Imported here, because some readers load large libraries.
     if program.kind is ProgramKind.GCODE:
         from feedopt_core.programs.gcode import read_gcode
 
@@ -152,18 +152,18 @@ def read_program(
     tolerance_mm: float = DEFAULT_TOLERANCE_MM,
     transitions: LayerTransitions | None = None,
 ) -> Iterator[Segment]:
-    """Segments of a program, in order, as soon as they are final.
+    """Segments of a program in order, each one as soon as it is final.
 
     Args:
         program: the program, or its text.
-        source: its name, for errors.
+        source: name of the program in errors.
         dimensions: coordinates of the machine, 2 or 3; a list of plane points on a machine with z stays at z = 0.
         tolerance_mm: largest distance of the smoothed from the programmed path, above zero; a program may set its own.
-        transitions: replace the ways between layers of closed contours; None: all as programmed.
+        transitions: replace the moves between layers of closed contours; None: keep all as programmed.
 
     Raises:
-        ToolpathError: the program cannot be read, or needs a coordinate the machine has not; or it is a list of
-            points, and transitions are wished.
+        ToolpathError: the program cannot be read, or needs a coordinate that the machine does not have; or it is a list
+            of points and transitions are requested.
     """
     if not 0.0 < tolerance_mm < float("inf"):
         raise ToolpathError(f"the tolerance is {tolerance_mm:g} mm, must be above zero", source=source)
@@ -193,7 +193,7 @@ def _kind_by_name(name: str) -> ProgramKind | None:
 
 
 def _kind_of(head: list[str]) -> ProgramKind:
-    """Kind of a program by its first lines."""
+    """Kind of a program, recognised by its first lines."""
     lines = [line.strip().removeprefix("\ufeff") for line in head]
     lines = [line for line in lines if line]
     if lines and lines[0][0] in "{[":
@@ -204,7 +204,7 @@ def _kind_of(head: list[str]) -> ProgramKind:
 
 
 def _text(program: Program, source: str) -> str:
-    """All of a program, of any line length."""
+    """The whole text of a program, with lines of any length."""
     if not isinstance(program.content, Path):
         return "".join(program.lines(source))
     try:

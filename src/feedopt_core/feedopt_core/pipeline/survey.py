@@ -1,4 +1,4 @@
-"""A program looked at without a machine: what it holds, and what smoothing makes of it."""
+"""Survey of a program without a machine: figures of its moves and of its smoothed path."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ class Survey:
     """A program with its smoothed path.
 
     Attributes:
-        moves: as they were programmed; of a list of points the straight moves between them.
-        segments: of the smoothed path, at least one.
+        moves: programmed moves; for a list of points, the straight moves between them.
+        segments: segments of the smoothed path, at least one.
         dimensions: coordinates of the path, 2 or 3.
         tolerance_mm: largest deviation where the program gives none.
         deviation: of the smoothed from the programmed path; None for points, which are passed through.
-        lines: of the file.
-        parse_time_s: from the file to moves.
-        smoothing_time_s: from moves to segments.
+        lines: number of lines in the file.
+        parse_time_s: time to read the file into moves.
+        smoothing_time_s: time to smooth the moves into segments.
     """
 
     moves: tuple[Move, ...]
@@ -59,22 +59,23 @@ class SurveyFigures:
     """Figures of a program and of its smoothed path.
 
     Attributes:
-        lines: of the file.
-        straight_moves, rapid_moves, arc_moves, nurbs_moves: programmed moves by kind.
-        events: words that are no motion, by their text.
-        segments: of the smoothed path, by kind.
-        length_mm: of the smoothed path.
-        rapid_length_mm: of the part of it that is rapids.
+        lines: number of lines in the file.
+        straight_moves, rapid_moves, arc_moves, nurbs_moves: number of programmed moves of each kind.
+        events: number of words without motion, by their text.
+        segments: number of segments of the smoothed path, by kind.
+        length_mm: length of the smoothed path.
+        rapid_length_mm: length of its rapid moves.
         corners: programmed joints that turn by more than 10 degrees.
-        exact_stops: places of the smoothed path where the machine comes to rest, its end not counted.
-        dwell_s: programmed waiting.
-        shortest_segment_mm, shortest_segment_line: of the smoothed path.
-        largest_curvature_per_mm, largest_curvature_line: of the smoothed path.
-        smallest_radius_mm: one over it; infinity where all is straight.
-        worst_deviation_mm, worst_deviation_line: where the deviation is largest against its tolerance; None for points.
+        exact_stops: places of the smoothed path where the machine comes to standstill, without its end.
+        dwell_s: sum of the programmed dwells.
+        shortest_segment_mm, shortest_segment_line: shortest segment of the smoothed path, and its line.
+        largest_curvature_per_mm, largest_curvature_line: largest curvature of the smoothed path, and its line.
+        smallest_radius_mm: one over the largest curvature; infinity where the whole path is straight.
+        worst_deviation_mm, worst_deviation_line: deviation where its ratio to the tolerance is largest, and its line;
+            None for points.
         deviation_ratio: deviation over tolerance there; None for points.
         feed_mm_s: least and largest programmed feed; None where there is none.
-        low_mm, high_mm: corners of the box around the smoothed path.
+        low_mm, high_mm: corners of the bounding box of the smoothed path.
         parse_time_s, smoothing_time_s: see :class:`Survey`.
     """
 
@@ -114,10 +115,10 @@ def survey_program(
     """Read and smooth a program file.
 
     Args:
-        path: of the program.
+        path: program file.
         dimensions: coordinates of the machine, 2 or 3; None: as many as the program needs.
         tolerance_mm: largest distance of the smoothed from the programmed path, above zero.
-        transitions: replace the ways between layers of closed contours; None: all as programmed.
+        transitions: replace the moves between layers of closed contours; None: keep all as programmed.
 
     Raises:
         ToolpathError: see :func:`feedopt_core.pipeline.read_program.read_program`.
@@ -151,7 +152,7 @@ def survey_program(
 
 
 def needed_dimensions(moves: Sequence[Move]) -> int:
-    """Coordinates that a machine needs for moves: 2 where all of them stay at one height."""
+    """Number of coordinates that a machine needs for moves: 2 if all of them stay at one height, else 3."""
     heights = [_heights_mm(move) for move in moves if not isinstance(move, ProgramEvent)]
     tilted = any(isinstance(move, ArcMove) and abs(abs(move.normal[2]) - 1.0) > _LEVEL_MM for move in moves)
     return 3 if tilted or (heights and float(np.ptp(np.concatenate(heights))) > _LEVEL_MM) else 2
@@ -230,7 +231,7 @@ def _heights_mm(move: LineMoves | ArcMove | NurbsMove) -> FloatArray:
 
 
 def _stations_mm(segment: Segment) -> FloatArray:
-    """Arc lengths from the start of a segment, close enough for extremes, its joints among them."""
+    """Arc lengths from the start of a segment with its joints, dense enough to find the largest curvature."""
     if segment.kind is SegmentKind.LINE:
         return segment.joints_mm
     joints = segment.joints_mm
@@ -253,7 +254,7 @@ def _end_directions(move: LineMoves | ArcMove | NurbsMove) -> tuple[FloatArray, 
 
 
 def _units(ways: FloatArray) -> FloatArray:
-    """Directions of the ways that lead anywhere, shape (m, dimensions)."""
+    """Unit directions of the displacements that are not zero, shape (m, dimensions)."""
     lengths = np.linalg.norm(ways, axis=1)
     return np.asarray(ways[lengths > 0.0] / lengths[lengths > 0.0, None])
 

@@ -1,6 +1,6 @@
-"""Loads the compiled code before a program needs it, or compiles what has changed: ``python -m`` this module.
+"""Load the compiled code before a program needs it, and compile what has changed: run it by ``python -m``.
 
-The programs here are the smallest that reach every kernel; a test holds them to it.
+The programs here are small but call every kernel; a test checks this.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ _LINE = ("G21 G90 F3000\n", "G1 X1\n", "M2\n")
 
 @cache
 def warm_up_reading() -> None:
-    """Read and smooth a corner and a run of short moves, once a process."""
+    """Read and smooth a corner and a run of short moves, once in each process."""
     deque(read_program(_short_moves(), _NAME, 2, _TOLERANCE_MM), maxlen=0)
 
 
 @cache
 def warm_up_planning() -> None:
-    """Plan a millimetre with its audit and set points, once a process."""
+    """Plan one millimetre with its audit and set points, once in each process."""
     machine, parameters = _machine(), InterpolatorParameters(rest_before_ticks=0, rest_after_ticks=0)
     planner, stream = StreamPlanner(machine, PlannerParameters()), SetpointStream(machine, parameters)
     for segment in _line():
@@ -47,7 +47,7 @@ def warm_up_planning() -> None:
 
 @cache
 def warm_up() -> None:
-    """All of it, with the deviation of the smoothed path from the program."""
+    """Load all compiled code, including that for the deviation of the smoothed path from the program."""
     warm_up_planning()
     warm_up_reading()
     segments = tuple(read_program(_short_moves(), _NAME, 2, _TOLERANCE_MM))
@@ -59,7 +59,7 @@ def _line() -> list[Segment]:
 
 
 def _short_moves() -> Program:
-    """A wave in short moves behind a corner, with an arc."""
+    """A corner, a wave of short moves, and an arc."""
     wave = [f"X{20 + 0.2 * k:.3f} Y{2.0 * math.sin(0.1 * k):.3f}\n" for k in range(60)]
     lines = ("G21 G90 F3000\n", "G1 X10 Y5\n", "G1 X20 Y0\n", *wave, "G1 X40 Y0\n", "G3 X40 Y20 J10\n", "M2\n")
     return Program(ProgramKind.GCODE, lines)

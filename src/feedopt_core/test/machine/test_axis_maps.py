@@ -53,8 +53,8 @@ def test_tool_position_of_a_gantry_is_the_mean_of_its_motors() -> None:
     np.testing.assert_allclose(machine.tool_matrix() @ [1.0, 3.0, 5.0, 7.0], [2.0, 5.0, 7.0], rtol=1e-14)
 
 
-# Rest to rest along x both belts move by the same distance; along the diagonal x = y only the first one moves, by
-# twice its projection; so the feed is scaled by 1, and by 1 / sqrt 2.
+# From standstill to standstill along x both belts move by the same distance; along the diagonal x = y only the first
+# one moves, by twice its projection; so the feed is scaled by 1, and by 1 / sqrt 2.
 @pytest.mark.parametrize(("direction", "belt_per_mm"), [((1.0, 0.0), 1.0), ((1.0, 1.0), math.sqrt(2.0))])
 def test_line_takes_the_time_of_the_busiest_belt(
     tmp_path: Any, direction: tuple[float, float], belt_per_mm: float
