@@ -156,7 +156,7 @@ def test_manifest_that_is_none_is_named(folder: Path, text: str) -> None:
 def test_update_of_what_is_no_golden_bag_is_refused(tmp_path: Path) -> None:
     shutil.copytree(BAGS / "corners", tmp_path / "corners")
     result = call("--update", tmp_path / "corners")
-    assert result.exit_code == 2 and "no golden bag" in result.output
+    assert result.exit_code == 2 and "is not a golden bag" in result.output
 
 
 def test_long_diff_goes_to_a_file(tmp_path: Path) -> None:
