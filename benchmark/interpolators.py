@@ -1,8 +1,8 @@
 """Feed fluctuation of interpolators on the fan contour of the NURBS thesis, 50 mm/s at 1 kHz (its section 3.4).
 
 Run: ``./feedopt bench interpolators [--feed MM_S]``. The contour is fitted to the points of its appendix A with the
-factors it prints, 17 cubic segments, closed. Every interpolator places one lap of set points at constant feed; the
-feedrate is then the central difference of the positions, as in eq. 3.44. Figures are reported, never judged.
+factors it prints, 17 cubic segments, closed. Every interpolator computes the set points of one lap at constant feed.
+The feedrate is the central difference of the positions, as in eq. 3.44. The benchmark has no pass or fail.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from feedopt_core.programs.points_csv import read_points
 PERIOD_S = 0.001
 INTERVALS = 5
 FACTORS_BY_HAND = {3: 1.0, 5: 0.4, 6: 2.0, 9: 0.4, 11: 1.0, 12: 1.5, 15: 4.0}
-"""Joints whose factor the thesis sets by hand, counted from 0; the others are ratios of knot spans."""
+"""Joints whose factors the thesis sets by hand, from 0; the other factors are ratios of knot spans."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class FeedRow:
     """One interpolator over one lap.
 
     Attributes:
-        name: of the interpolator.
-        least_ratio, greatest_ratio, rms_ratio: feedrate against the command, minus 1.
-        pieces: polynomials of its map a segment, least and greatest; None where it has none.
-        set_up_s: making the maps of all segments.
-        point_s: placing one set point, whole segments at a time.
-        single_s: placing one set point alone; None where the next one needs the one before anyway.
+        name: name of the interpolator.
+        least_ratio, greatest_ratio, rms_ratio: ratio of feedrate to commanded feed, minus 1.
+        pieces: smallest and largest number of polynomials per segment; None without polynomials.
+        set_up_s: time to make the maps of all segments.
+        point_s: time per set point, for whole segments at once.
+        single_s: time for a single set point; None for recursive interpolators, which need the previous set point.
     """
 
     name: str
@@ -75,7 +75,7 @@ def main(argv: list[str]) -> int:
         "Taylor, 2nd order": lambda curve, _: TaylorMap(curve, 2),
         "RK2 predictor-corrector": lambda curve, _: PredictorCorrectorMap(curve),
         "feed correction, as published": lambda curve, _: feed_correction_map(curve),
-        "feedopt (path/arc_length.py)": lambda curve, _: map_arc_length(curve.evaluate, curve.joints),
+        "feedopt (geometry/arc_length.py)": lambda curve, _: map_arc_length(curve.evaluate, curve.joints),
     }
     rows = [measure(name, make, curves, lengths, arguments.feed) for name, make in makers.items()]
     out = Console(width=None if sys.stdout.isatty() else 150)
@@ -131,7 +131,7 @@ def measure(
 
 
 def feedrates_mm_s(positions_mm: FloatArray) -> FloatArray:
-    """Central differences of positions at the period, shape (n - 2,)."""
+    """Feedrates as central differences of the positions, shape (n - 2,)."""
     return np.asarray(np.linalg.norm(positions_mm[2:] - positions_mm[:-2], axis=1) / (2.0 * PERIOD_S))
 
 
@@ -155,7 +155,7 @@ def table_of(rows: list[FeedRow]) -> Table:
 
 
 def _single_point_s(parameter_map: ParameterMap, length_mm: float, count: int = 200) -> float:
-    """Time for one set point alone, mean of several."""
+    """Time for a single set point, mean of several."""
     places = np.linspace(0.0, length_mm, count)[:, None]
     began = time.perf_counter()
     for s_mm in places:

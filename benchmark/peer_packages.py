@@ -1,4 +1,4 @@
-"""What the benchmarks compare with, installed when a benchmark first asks for it: requirements/bench.txt pins it."""
+"""Packages for comparison, installed at the first use by a benchmark; requirements/bench.txt pins their versions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _REQUIREMENTS = Path(__file__).resolve().parents[1] / "requirements" / "bench.tx
 
 
 def install_missing(*modules: str) -> None:
-    """Install the extra ``bench`` where one of these modules cannot be imported. Raises CalledProcessError."""
+    """Install the extra ``bench`` if one of these modules cannot be imported. Raises CalledProcessError."""
     missing = [module for module in modules if importlib.util.find_spec(module) is None]
     if not missing:
         return

@@ -1,8 +1,8 @@
-"""How long it takes to read a long bag into numpy, and whether rosbags reads the same.
+"""Time to read a long bag into numpy, and comparison with the values that rosbags reads.
 
 Run: ``./feedopt bench reading [--messages N] [--checked N]``. A bag of set points and axis states of three axes is
-written, read with ``read_messages`` and ``columns``, and ``--checked`` messages of each topic are compared with what
-rosbags makes of them, field by field.
+written and read with ``read_messages`` and ``columns``. ``--checked`` messages of each topic are compared with those
+read by rosbags, field by field.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _AXES = 3
 
 
 def main(argv: list[str]) -> int:
-    """Command line; returns the exit code: 0 where rosbags reads the same, else 1."""
+    """Command line; returns the exit code: 0 if rosbags reads the same values, else 1."""
     parser = argparse.ArgumentParser(prog="feedopt bench reading", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--messages", type=int, default=1_200_000, help="messages of the bag, both topics together")
     parser.add_argument("--checked", type=int, default=20_000, help="messages of each topic compared with rosbags")
@@ -63,7 +63,7 @@ def main(argv: list[str]) -> int:
 
 
 def write_bag(bag: Path, rows: int) -> None:
-    """A bag of that many messages on each topic, a millisecond apart."""
+    """Write a bag with ``rows`` messages on each topic, one per millisecond."""
     schemas = MessageSchemas(ament_share_directories())
     store = get_typestore(Stores.ROS2_JAZZY)
     topics = [topic for topic in load_graph().topics.values() if topic.name in TOPICS]
@@ -75,7 +75,7 @@ def write_bag(bag: Path, rows: int) -> None:
         batch = []
         for row, topic in itertools.product(range(first, min(first + _BATCH, rows)), topics):
             payload = payloads[topic.name]
-            # The sequence number: behind CDR header, stamp, program and its padding.
+            # The sequence number, after CDR header, stamp, program and padding.
             payload[20:28] = (row + 1).to_bytes(8, "little")
             time_ns = START_NS + row * 1_000_000
             batch.append(Received(time_ns, time_ns, topic.name, bytes(payload), row + 1))

@@ -1,7 +1,7 @@
 """A minute of motion at 1 kHz through the whole graph: ticks, lateness, tracking, recorder.
 
-Run: ``./feedopt bench realtime [--laps N] [--machine NAME]``. The program is the fan contour, lap after lap, without a
-stop in between; it runs in real time on the simulated router and is judged from its recording alone.
+Run: ``./feedopt bench realtime [--laps N] [--machine NAME]``. The program is the fan contour, lap after lap without a
+stop. It runs in real time on the simulated router; all figures come from its recording.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from feedopt_tools.execute.judgement import judge_run
 
 
 def main(argv: list[str]) -> int:
-    """Command line; returns the exit code: 0 where every tick was recorded and every limit held, else 1."""
+    """Command line; returns the exit code: 0 if every tick was recorded and every limit kept, else 1."""
     parser = argparse.ArgumentParser(prog="feedopt bench realtime", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--laps", type=int, default=12, help="laps of the fan contour, about 5.3 s each")
     parser.add_argument("--machine", default="router_simulation", help="machine file or its name")
@@ -51,17 +51,17 @@ def main(argv: list[str]) -> int:
     table.add_row("lateness", f"p50 {1e6 * punctuality.p50_s:.0f} us, p99 {1e6 * punctuality.p99_s:.0f} us")
     table.add_row("late by a period or more", str(punctuality.late_ticks))
     starved = execution.starved_chunk_sequence
-    table.add_row("stopped for want of a chunk", f"last after chunk {starved}" if starved else "never")
+    table.add_row("stopped because a chunk was late", f"last after chunk {starved}" if starved else "never")
     table.add_row("worst ratio to a limit", f"{judgement.audit.worst.ratio:.4f} ({judgement.audit.worst.quantity})")
     table.add_row("recorder", f"{100.0 * judgement.recorder_cpu_ratio:.1f} % of a core")
     table.add_row("load before the run", f"{load:.2f}")
-    table.add_row("taken by other guests of the host", f"{stolen_s:.1f} s of processor time")
+    table.add_row("used by other virtual machines", f"{stolen_s:.1f} s of processor time")
     Console().print(table)
     return 0 if judgement.holds and execution.succeeded else 1
 
 
 def _result(execution: Execution) -> str:
-    """How the program ended, and the nodes after it."""
+    """Text for the end of the program and of the nodes."""
     outcome = execution.outcome
     ended = "no answer" if outcome is None else "executed to its end" if outcome.succeeded else str(outcome.failure)
     failed = [f"{name} ended with {code}" for name, code in execution.exit_codes.items() if code]
@@ -69,13 +69,13 @@ def _result(execution: Execution) -> str:
 
 
 def _stolen_s() -> float:
-    """Processor time since the start of the system that the host gave to others, all cores."""
+    """Processor time that the host gave to other virtual machines since the start of the system, all cores, s."""
     first = Path("/proc/stat").read_text(encoding="ascii").partition("\n")[0]
     return int(first.split()[8]) / os.sysconf("SC_CLK_TCK")
 
 
 def laps_program(laps: int) -> str:
-    """Points of the fan contour, so many times without a stop at its start."""
+    """Points of the fan contour, ``laps`` times without a stop in between."""
     contour = find_config("programs", "fan_contour", ".csv")
     points = read_points(contour.read_text(encoding="utf-8").splitlines(), contour.name).points_mm
     every = np.concatenate([np.tile(points[:-1], (laps, 1)), points[-1:]])

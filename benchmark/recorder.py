@@ -1,8 +1,8 @@
-"""What the recorder costs at four 1 kHz topics, and what is left of its bag when it is killed.
+"""Processor time of the recorder at four 1 kHz topics, and data lost when it is killed.
 
-Run: ``./feedopt bench recorder [--seconds N] [--kills N] [--seed N]``. Four topics of axis states at 1 kHz go to a
-recorder in a process of its own: first to its end, for its share of a core; then, ``--kills`` times, until it is
-killed at a random instant, for what the repaired bag lacks.
+Run: ``./feedopt bench recorder [--seconds N] [--kills N] [--seed N]``. A recorder in a separate process records four
+topics of axis states at 1 kHz: once to the normal end, for its processor time; then ``--kills`` times until a kill at a
+random instant, for the data missing in the repaired bag.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ TYPE = "feedopt_msgs/msg/AxisState"
 SETTLE_S = 1.0
 LOST_AT_MOST_S = 0.5
 BURST_S = 0.1
-# More than the head of a file without messages.
+# Larger than the header of a file without messages.
 STARTED_BYTES = 10_000
 
 
 def main(argv: list[str]) -> int:
-    """Command line; returns the exit code: 0 where nothing was missed and no kill cost more than 0.5 s, else 1."""
+    """Command line; returns the exit code: 0 if no message was missed and no kill lost more than 0.5 s, else 1."""
     parser = argparse.ArgumentParser(prog="feedopt bench recorder", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--seconds", type=float, default=20.0, help="length of the recording that runs to its end")
     parser.add_argument("--kills", type=int, default=20, help="recordings that are killed")
@@ -72,7 +72,7 @@ def main(argv: list[str]) -> int:
 
 
 def write_graph(prefix: Path) -> Path:
-    """A graph of one source and the recorder, installed as the workspace installs its own."""
+    """Write a graph of one source and the recorder, in the layout of an installed workspace."""
     qos = {"reliability": "reliable", "durability": "volatile", "depth": 4000}
     names = ["source", "recorder"]
     document = {
@@ -95,7 +95,7 @@ def write_graph(prefix: Path) -> Path:
 
 
 def start_recorder(prefix: Path, bag: Path) -> subprocess.Popen[str]:
-    """A recorder of that graph."""
+    """Start a recorder of that graph."""
     command = [sys.executable, "-m", "feedopt_recorder.recorder_node", "--ros-args"]
     command += ["-p", "present_nodes:=[recorder]", "-p", f"bag_directory:={bag}"]
     environment = os.environ | {"AMENT_PREFIX_PATH": f"{prefix}{os.pathsep}{os.environ['AMENT_PREFIX_PATH']}"}
@@ -103,7 +103,7 @@ def start_recorder(prefix: Path, bag: Path) -> subprocess.Popen[str]:
 
 
 def record(source: Source, prefix: Path, bag: Path, seconds: float) -> dict[str, Any]:
-    """Record for some time and end in order; returns the recorder's summary."""
+    """Record for ``seconds`` and end normally; returns the recorder's summary."""
     process = start_recorder(prefix, bag)
     try:
         source.wait_matched()
@@ -121,14 +121,14 @@ def record(source: Source, prefix: Path, bag: Path, seconds: float) -> dict[str,
 
 
 def lost_by_kill(prefix: Path, bag: Path, after_s: float) -> float:
-    """Kill a recorder, mend its bag; returns the time between the last message sent and the last one that is there."""
+    """Kill a recorder and repair its bag; returns the time between the last sent and the last recorded message, s."""
     path = bag / f"{bag.name}_0.mcap"
-    # A source of its own: to an older one the recorder killed before still counts as a subscription for a while.
+    # A new source, because an older one would count the recorder killed before as a subscription for some time.
     with _source() as source:
         process = start_recorder(prefix, bag)
         try:
             source.wait_matched()
-            # Starting up is not what is measured: the instant counts from the first chunk in the file.
+            # The start is not measured: the time counts from the first chunk in the file.
             while not path.is_file() or path.stat().st_size < STARTED_BYTES:
                 source.publish_for(BURST_S)
             source.publish_for(after_s)
@@ -143,7 +143,7 @@ def lost_by_kill(prefix: Path, bag: Path, after_s: float) -> float:
 
 
 class Source:
-    """Publishes axis states of three axes on every topic, once a millisecond."""
+    """Publishes axis states of three axes on every topic, one per millisecond."""
 
     def __init__(self) -> None:
         import rclpy
@@ -168,13 +168,13 @@ class Source:
         self._program_id = 0
 
     def wait_matched(self) -> None:
-        """Wait for the one recorder."""
+        """Wait for the recorder."""
         while any(publisher.get_subscription_count() != 1 for publisher in self._publishers):
             time.sleep(0.01)
         time.sleep(SETTLE_S)
 
     def publish_for(self, seconds: float) -> None:
-        """One program of that length."""
+        """Publish one program of this duration."""
         self._program_id += 1
         message = self._message
         message.program_id = self._program_id

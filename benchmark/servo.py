@@ -1,8 +1,8 @@
-"""What the simulated servos make of plans that hold the tracking error by the quasi-static model.
+"""Tracking error of the simulated servos for plans that limit it by the quasi-static model.
 
-Run: ``./feedopt bench servo``. The fan contour on router_simulation, with its jerk limit and the reserve of its
-tracking error changed as the rows say: motion time, largest tracking error and control signal of the simulated drives,
-which share no code with the planner. Figures are reported, never judged.
+Run: ``./feedopt bench servo``. The fan contour on router_simulation with several jerk limits and reserves of the
+tracking error: motion time, largest tracking error and control signal of the simulated drives, which share no code with
+the planner. The benchmark reports figures, without pass or fail.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from router_sim.router import SimulatedRouter
 MACHINE = "router_simulation"
 PROGRAM = "fan_contour"
 _FREE = (math.inf, math.inf)
-# Method, jerk limits, reserve of the tracking error; the shipped machine comes last.
+# Method, jerk limits, reserve of the tracking error; the shipped machine is the last row.
 _ROWS = (
     ("lp_nlp", _FREE, (0.0, 0.0)),
     ("lp_nlp", (63_000.0, 156_000.0), (0.0, 0.0)),
@@ -41,7 +41,7 @@ _SETTLING_TICKS = 200
 
 @dataclass(frozen=True)
 class Followed:
-    """A motion and what the drives made of it: largest size for each axis, ticks in saturation of any axis."""
+    """A motion and the response of the drives: largest magnitude for each axis, ticks with any axis in saturation."""
 
     motion_time_s: float
     error_mm: tuple[float, ...]
@@ -65,7 +65,7 @@ def main(argv: list[str]) -> int:
 
 
 def followed(machine: Machine, drives: str, method: str) -> Followed:
-    """Plan the fan contour on a machine and let the simulated drives of a machine file follow it, rest included."""
+    """Plan the fan contour on a machine and simulate the drives of a machine file, with standstill at both ends."""
     program, toolpath, chunks = find_config("programs", PROGRAM, ".csv"), Toolpath(), []
     planner = StreamPlanner(machine, PlannerParameters(method=method))
     for segment in read_program(open_program(program), program.name, machine.dimensions):

@@ -1,9 +1,9 @@
-"""Ways from layer to layer of stacked closed contours: motion time at the same limits, same planner, same audit.
+"""Transitions between layers of closed contours: motion time with the same limits, planner and audit.
 
 Run: ``./feedopt bench transitions [--layers N] [--step MM] [--reach MM] [--machine NAME] [--method NAME]``. Each
-program goes through smoothing, planner and audit as any other. Beside the layer transitions of Euler spirals stand what
-programs use: circular lead-out and lead-in within the layers, with the step down between them, and a plunge on the
-contour itself. Figures are reported, never judged.
+program is smoothed, planned and audited as any other. The layer transitions of Euler spirals are compared with common
+programs: circular lead-out and lead-in within the layers, with the step down between them, and a plunge on the contour
+itself. The benchmark reports figures, without pass or fail.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ WAYS = ("laps in one plane", "plunge on the contour", "quarter arcs", "half circ
 
 @dataclass(frozen=True)
 class TransitionRow:
-    """One way of changing layers on one contour.
+    """One kind of transition between layers on one contour.
 
     Attributes:
-        contour, way: names.
-        length_mm: of the whole path.
-        motion_time_s: from rest to rest.
-        worst_ratio: to a limit, on the fine grid and at the set points.
-        fallbacks: windows in which the planner found nothing and took the stop of the one before.
+        contour, way: names of the contour and of the transition.
+        length_mm: length of the whole path.
+        motion_time_s: time from standstill to standstill.
+        worst_ratio: largest ratio to a limit, on the fine grid and at the set points.
+        fallbacks: windows without a plan, which end in the stop of the previous window.
     """
 
     contour: str
@@ -64,7 +64,7 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="feedopt bench transitions", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--layers", type=int, default=5, help="contours on top of each other")
     parser.add_argument("--step", type=float, default=1.0, metavar="MM", help="distance of the layers, mm")
-    parser.add_argument("--reach", type=float, default=10.0, metavar="MM", help="room beside the contour, mm")
+    parser.add_argument("--reach", type=float, default=10.0, metavar="MM", help="largest distance from the contour, mm")
     parser.add_argument("--machine", default="router_heng", help="machine file with a z axis, or its name")
     parser.add_argument("--method", default="lp", help="planning method")
     arguments = parser.parse_args(argv)
@@ -80,11 +80,11 @@ def main(argv: list[str]) -> int:
     out = Console(width=None if sys.stdout.isatty() else 130)
     out.print(table_of(rows, arguments.layers - 1))
     out.print(
-        f"{arguments.layers} layers {arguments.step:g} mm apart, {arguments.reach:g} mm of room beside the contour, "
+        f"{arguments.layers} layers {arguments.step:g} mm apart, at most {arguments.reach:g} mm beside the contour, "
         f"{machine.name}, {arguments.method}, tolerance {DEFAULT_TOLERANCE_MM:g} mm"
     )
     if any(row.fallbacks for row in rows):
-        out.print("a fall-back is a stop for want of a plan: the time of such a row is above what the limits allow")
+        out.print("a fall-back is a stop because a window had no plan: such a row is slower than the limits allow")
     return 0
 
 
@@ -94,9 +94,9 @@ def contours() -> dict[str, list[CurveMove]]:
 
 
 def stacked(contour: Sequence[CurveMove], way: str, layers: int, step_mm: float, reach_mm: float) -> list[Move]:
-    """Program of the contour layer by layer, with one of the WAYS between layers.
+    """Program of the contour, layer by layer, with one of the WAYS between layers.
 
-    Quarter arcs have the room beside the contour as radius, half circles half of it, so all of them reach equally far.
+    The radius of quarter arcs is the reach, that of half circles half of the reach, so all have the same reach.
     """
     start_mm, (tangent, normal) = move_ends(contour[0])[0], _frame(contour[0])
     down = -step_mm * UP
@@ -139,9 +139,9 @@ def plan_moves(contour: str, way: str, moves: Iterable[Move], machine: Machine, 
 
 
 def table_of(rows: Sequence[TransitionRow], transitions: int) -> Table:
-    """The figures as a table; what a transition adds is against laps that never leave the plane."""
+    """The figures as a table; the added time of a transition is relative to laps in one plane."""
     columns = ("path, mm", "motion, s", "a transition adds, s", "fall-backs", "worst ratio")
-    table = Table("contour", "way to the next layer", *columns)
+    table = Table("contour", "transition", *columns)
     laps: dict[str, float] = {row.contour: row.motion_time_s for row in rows if row.way == WAYS[0]}
     for row in rows:
         added_s = (row.motion_time_s - laps[row.contour]) / transitions
@@ -158,7 +158,7 @@ def table_of(rows: Sequence[TransitionRow], transitions: int) -> Table:
 
 
 def _frame(move: CurveMove) -> tuple[FloatArray, FloatArray]:
-    """Tangent at the start of a contour, and the normal to its right: outwards of an anticlockwise one."""
+    """Tangent at the start of a contour and normal to its right, which points outwards for an anticlockwise contour."""
     if isinstance(move, LineMoves):
         way = move.points_mm[0] - move.start_mm
     elif isinstance(move, NurbsMove):
@@ -174,7 +174,7 @@ def _line(start_mm: FloatArray, end_mm: FloatArray) -> LineMoves:
 
 
 def _arc(start_mm: FloatArray, end_mm: FloatArray, center_mm: FloatArray, sweep_rad: float, at: FloatArray) -> ArcMove:
-    """Clockwise arc, moved."""
+    """Clockwise arc, translated by ``at``."""
     return ArcMove(start_mm + at, end_mm + at, center_mm + at, -UP, sweep_rad, 0.0, 1, math.inf)
 
 
@@ -187,7 +187,7 @@ def _moved(move: CurveMove, by_mm: FloatArray) -> CurveMove:
 
 
 def _rounded_rectangle(width_mm: float, height_mm: float, radius_mm: float) -> list[CurveMove]:
-    """From the middle of the lower side."""
+    """Rounded rectangle that starts in the middle of the lower side."""
     x, y = 0.5 * width_mm, 0.5 * height_mm
     here_mm, moves = np.array([0.0, -y, 0.0]), list[CurveMove]()
     for corner, way in (((x, -y), (1, 0)), ((x, y), (0, 1)), ((-x, y), (-1, 0)), ((-x, -y), (0, -1))):

@@ -1,8 +1,8 @@
-"""Windows over random smooth paths, limits and sizes: how many have no plan, and which solver found the others.
+"""Windows on random smooth paths with random limits and sizes: windows without a plan, and plans of each solver.
 
 Run: ``./feedopt bench windows [--windows N] [--seed S] [--method NAME]``. Every case is a random walk through a C2
 spline on a machine with random limits: kinematic ones, those of the drives, or both. Look-ahead and commitment are
-random too, from the stopping distance upwards. Exit code 1 where a window had no plan or broke a limit.
+random too, from the stopping distance upwards. Exit code 1 if a window had no plan or violated a limit.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from feedopt_core.smoothing.cubic_spline import interpolate_points
 
 _INFINITE = (float("inf"),) * 2
 _MOST_WINDOWS = 40
-"""Windows of one case: enough of one machine."""
+"""Largest number of windows per case."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Case:
 
 @dataclass
 class Tally:
-    """What the windows of all cases came to."""
+    """Totals over the windows of all cases."""
 
     windows: int = 0
     iterations: int = 0
@@ -55,7 +55,7 @@ class Tally:
 
 
 def random_case(seed: int, index: int, method: str) -> Case:
-    """Case number ``index`` of a seed: the same numbers give the same case."""
+    """Case number ``index`` of a seed; equal numbers give the same case."""
     rng = np.random.default_rng([seed, index])
     machine = _random_machine(rng)
     stopping_mm = make_method(method, machine, 0.25).stopping_mm
@@ -100,7 +100,7 @@ def _random_machine(rng: np.random.Generator) -> Machine:
     if kind & 2:
         tracking = TrackingModel(_pair(rng, 2e-5, 2e-4), _pair(rng, 1e-6, 4e-5), _pair(rng, 1e-8, 1e-7))
         machine = replace(machine, tracking=tracking, tracking_error_limit_mm=_pair(rng, 0.01, 0.05))
-        # Tracking bounds acceleration and jerk, so their own limits may be absent.
+        # The tracking error limits acceleration and jerk, so their own limits can be absent.
         if rng.uniform() < 0.7:
             machine = replace(machine, acceleration_limit_mm_s2=_INFINITE, jerk_limit_mm_s3=_INFINITE)
         if kind & 1 and rng.uniform() < 0.5:
@@ -109,7 +109,7 @@ def _random_machine(rng: np.random.Generator) -> Machine:
 
 
 def run_case(case: Case, tally: Tally, name: str) -> None:
-    """Plan one case, window by window, into the tally."""
+    """Plan one case window by window and add it to the totals."""
     warm_up_planning()
     planner = StreamPlanner(case.machine, case.parameters)
     for segment in case.segments:
@@ -132,15 +132,15 @@ def run_case(case: Case, tally: Tally, name: str) -> None:
             tally.worst_share = max(tally.worst_share, took_s / (chunk.t_commit_s - chunk.t_start_s))
             tally.worst_ratio = max(tally.worst_ratio, chunk.certificate.worst_ratio)
             if chunk.figures.fallback:
-                tally.failures.append(f"{name}: no plan from s = {chunk.s_start_mm:.3f} mm, the stop was taken")
+                tally.failures.append(f"{name}: no plan from s = {chunk.s_start_mm:.3f} mm, stopped instead")
             planner.discard_before(chunk.s_start_mm)
 
 
 def main(argv: list[str]) -> int:
-    """Command line; returns the exit code: 0 where every window has a plan that holds, else 1."""
+    """Command line; returns the exit code: 0 if every window has a plan without violation, else 1."""
     parser = argparse.ArgumentParser(prog="feedopt bench windows", description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--windows", type=int, default=10_000, help="plan at least so many windows")
-    parser.add_argument("--seed", type=int, default=1, help="of the random cases")
+    parser.add_argument("--windows", type=int, default=10_000, help="smallest number of windows to plan")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the random cases")
     parser.add_argument("--method", default="lp_nlp", help="planning method")
     arguments = parser.parse_args(argv)
     tally, index = Tally(), 0
@@ -157,7 +157,7 @@ def main(argv: list[str]) -> int:
     table.add_row("iterations a window", f"{tally.iterations / tally.windows:.1f}")
     table.add_row("worst ratio to a limit", f"{tally.worst_ratio:.6f}")
     table.add_row("slowest window, s", f"{tally.slowest_s:.3f}")
-    table.add_row("largest part of the motion it commits", f"{tally.worst_share:.3f}")
+    table.add_row("largest planning time / committed motion time", f"{tally.worst_share:.3f}")
     console.print(table)
     for failure in tally.failures[:20]:
         console.print(failure, soft_wrap=True)

@@ -1,1 +1,1 @@
-"""Curves and parameter maps that only benchmarks compare with."""
+"""Curves and parameter maps used only for comparison in benchmarks."""

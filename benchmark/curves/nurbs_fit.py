@@ -53,7 +53,7 @@ class NurbsFit:
 
     Attributes:
         curves: the segments, in order.
-        betas: factor b of each joint: the one behind segment k stands at k; the last one closes a closed contour.
+        betas: factor b of each joint; index k is the joint after segment k, the last one closes a closed contour.
         distances_mm: from each point to the curve at the point's parameter, shape (m,).
     """
 
@@ -63,11 +63,11 @@ class NurbsFit:
 
 
 def divide_points(points_mm: FloatArray, intervals: int) -> tuple[PointSegment, ...]:
-    """Divide points into segments of so many intervals that share their ends; the last one takes what is left over.
+    """Divide points into segments that share their ends; the last segment also gets the remaining points.
 
     Args:
         points_mm: shape (m, dimensions), no two neighbours equal.
-        intervals: at least 3.
+        intervals: intervals per segment, at least 3.
 
     Raises:
         ToolpathError: too few points or intervals, a repeated point or a value that is not finite.
@@ -78,7 +78,7 @@ def divide_points(points_mm: FloatArray, intervals: int) -> tuple[PointSegment, 
             f"{_LEAST_INTERVALS} intervals and one point more than that"
         )
     if not np.all(np.isfinite(points_mm)):
-        raise ToolpathError("the points hold a value that is not finite")
+        raise ToolpathError("the points contain a value that is not finite")
     chords = np.linalg.norm(np.diff(points_mm, axis=0), axis=1)
     if np.min(chords) < _LEAST_CHORD_MM:
         raise ToolpathError(f"point {int(np.argmin(chords)) + 2} repeats the one before; remove one of them")
@@ -88,15 +88,15 @@ def divide_points(points_mm: FloatArray, intervals: int) -> tuple[PointSegment, 
 
 
 def chord_length_ratios(segments: Sequence[PointSegment]) -> FloatArray:
-    """Factors b from the lengths of the chords: that of the segment behind a joint to that before it (eq. 3.17)."""
+    """Factors b as ratios of chord lengths: segment after the joint to segment before it (eq. 3.17)."""
     lengths = np.array([segment.chord_length_mm for segment in segments])
     return np.asarray(np.roll(lengths, -1) / lengths)
 
 
 def knot_span_ratios(segments: Sequence[PointSegment]) -> FloatArray:
-    """Factors b from the knots: the last span before a joint to the first one behind it.
+    """Factors b as ratios of knot spans: the last span before the joint to the first span after it.
 
-    The values printed in appendix A of the thesis are these, where they are not marked as set by hand.
+    Appendix A of the thesis prints these values, except for the factors that it marks as set by hand.
     """
     first = np.array([segment.knots[_DEGREE + 1] for segment in segments])
     last = np.array([1.0 - segment.knots[-_DEGREE - 2] for segment in segments])
@@ -106,13 +106,13 @@ def knot_span_ratios(segments: Sequence[PointSegment]) -> FloatArray:
 def fit_nurbs(points_mm: FloatArray, intervals: int = 5, betas: FloatArray | None = None) -> NurbsFit:
     """Fit cubic NURBS segments to points.
 
-    An open curve starts at the first and ends at the last point (eq. 3.12). Where the last point repeats the first the
-    contour is closed with the same continuity, and its ends coincide without being held at the point, as the control
-    points printed in appendix A of the thesis do.
+    An open curve starts at the first and ends at the last point (eq. 3.12). If the last point repeats the first, the
+    contour is closed with the same continuity. Its ends then coincide, but not necessarily at that point, as for the
+    control points printed in appendix A of the thesis.
 
     Args:
         points_mm: shape (m, dimensions), no two neighbours equal.
-        intervals: intervals between points a segment.
+        intervals: intervals between points per segment.
         betas: factor b of each joint, above zero, as in NurbsFit; None: ratios of chord lengths.
 
     Raises:

@@ -1,6 +1,6 @@
-"""From arc length to the parameter of a curve: the interpolators of the literature behind one interface.
+"""Maps from arc length to the parameter of a curve: the interpolators of the literature with one interface.
 
-The project itself uses the map of path/arc_length.py. The others stand here to be compared with it
+The project itself uses the map of geometry/arc_length.py. The others are here for comparison
 (``feedopt bench interpolators``): natural interpolation, Taylor series of first and second order, a predictor-corrector
 of second order, and the feed-correction polynomials of the NURBS thesis as published.
 """
@@ -26,16 +26,16 @@ _SQUARED_ERROR = 1e-10
 
 
 class ParameterMap(Protocol):
-    """Where on a curve the set points stand; ArcLengthMap is one."""
+    """Map from arc length to curve parameter; ArcLengthMap is one."""
 
     def parameter(self, s_mm: FloatArray) -> FloatArray:
-        """Curve parameters at arc lengths from the start of the curve, increasing, one a period, shape (n,)."""
+        """Curve parameters at increasing arc lengths from the start of the curve, one per period, shape (n,)."""
         ...
 
 
 @dataclass(frozen=True)
 class NaturalMap:
-    """The parameter in proportion to the arc length: equal feed makes equal steps of the parameter."""
+    """Parameter proportional to the arc length: constant feed gives constant steps of the parameter."""
 
     curve: NurbsCurve
     length_mm: float
@@ -72,9 +72,9 @@ class TaylorMap:
 
 @dataclass(frozen=True)
 class PredictorCorrectorMap:
-    """A midpoint step (Runge-Kutta of second order) predicts; its arc length, by Simpson's rule, corrects it.
+    """Prediction by a midpoint step (second-order Runge-Kutta), correction by its arc length from Simpson's rule.
 
-    The corrections go on until the step is right to 1e-9 mm.
+    The correction is repeated until the error of the step is at most 1e-9 mm.
     """
 
     curve: NurbsCurve
@@ -105,11 +105,11 @@ def feed_correction_map(curve: NurbsCurve) -> ArcLengthMap:
     of an adaptive Simpson quadrature (section 3.3.1, 1e-12 mm).
 
     Raises:
-        ToolpathError: the curve stands still somewhere.
+        ToolpathError: dr/du is zero at some parameter.
     """
     u, s_mm = _arc_length_pairs(curve)
     if not np.all(np.diff(s_mm) > 0.0):
-        raise ToolpathError("the curve stands still somewhere; move its control points apart")
+        raise ToolpathError("dr/du of the curve is zero at some parameter; move its control points apart")
     pieces, todo = list[tuple[int, FloatArray]](), [(0, len(u) - 1)]
     while todo:
         first, last = todo.pop()
@@ -125,7 +125,7 @@ def feed_correction_map(curve: NurbsCurve) -> ArcLengthMap:
 
 
 def _rates(curve: NurbsCurve, u: float) -> ParameterRates:
-    """du/ds and higher at one parameter."""
+    """du/ds and higher derivatives at one parameter."""
     return parameter_rates(*curve.evaluate(np.array([u]))[1:])
 
 
@@ -145,7 +145,7 @@ def _arc_length_pairs(curve: NurbsCurve) -> tuple[FloatArray, FloatArray]:
         width = ends - starts
         whole = width * (f[:, [0, 2, 4]] @ [1.0, 4.0, 1.0]) / 6.0
         halves = width * (f @ [1.0, 4.0, 2.0, 4.0, 1.0]) / 12.0
-        # Rounding ends the bisection where the halved tolerance asks for more than double precision holds.
+        # The bisection also ends when the halved tolerance is below the rounding error.
         good = np.abs(halves - whole) / 10.0 < np.maximum(tolerance_mm, 1e-15 * halves)
         good |= halving == _MOST_HALVINGS
         done_u.append(starts[good])

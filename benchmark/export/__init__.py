@@ -1,1 +1,1 @@
-"""What of an optimised feed survives on controllers that know nothing of it."""
+"""Part of the time saved by an optimised feed that remains on ordinary controllers."""

@@ -1,9 +1,9 @@
-"""The fan contour exported as G-code, timed on models of ordinary controllers: what of the gain survives there.
+"""The fan contour exported as G-code, timed on models of ordinary controllers: how much of the saved time remains.
 
 Run: ``./feedopt bench export [--machine NAME] [--method NAME] [--json FILE]``. The program is planned, written with
-chords and feeds of several finenesses, read back, and driven by the rules of Grbl and of Klipper (see lookahead.py).
-Beside it the same chords with one feed for the whole program: at full speed, and at the speed that asks no more
-acceleration of the axes than the exported program does.
+several chord lengths and feed steps, read back, and executed by the rules of Grbl and of Klipper (see lookahead.py).
+For comparison, the same chords are executed with one feed for the whole program: at full speed, and at the speed for
+which the axes need no more acceleration than for the exported program.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ FEED_STEPS_MM_MIN = (1.0, 100.0, 600.0)
 _PERIOD_S = 0.001
 _SINGLE_FEEDS = 100
 _AS_GENTLE = 1.02
-# Seen at 1 kHz, a corner or a step of acceleration is as sharp as the sampling: both are looked at over 5 ms.
+# At 1 kHz the peak at a corner or a step of acceleration depends on the sampling: both are averaged over 5 ms.
 _WINDOW_TICKS = 5
 
 
@@ -42,13 +42,14 @@ class Row:
     """One program on one controller.
 
     Attributes:
-        controller: its name.
+        controller: name of the controller.
         program: ``exported``, ``one feed, full`` or ``one feed, as gentle``.
-        chord_mm, feed_step_mm_min: how finely it is written; NaN where it does not apply.
-        moves_a_second: largest number that the controller takes.
+        chord_mm, feed_step_mm_min: chord length and feed step of the export; NaN if not applicable.
+        moves_a_second: largest number of moves per second.
         time_s: motion time.
-        survives_ratio: part of the plan's gain over one feed, as gentle, that is left; NaN where it does not apply.
-        acceleration_ratio, jerk_ratio: worst of any axis over its limit, over 5 ms.
+        survives_ratio: remaining part of the time that the plan saves against ``one feed, as gentle``; NaN if not
+            applicable.
+        acceleration_ratio, jerk_ratio: largest ratio of any axis to its limit, averaged over 5 ms.
     """
 
     controller: str
@@ -123,7 +124,7 @@ def _moves(lines: tuple[str, ...], dimensions: int) -> tuple[Array, Array]:
 
 
 def _as_gentle(controller: Controller, motion: Motion, points: Array, acceleration_ratio: float) -> Ride:
-    """The fastest single feed that asks no more acceleration than a ratio to the limits."""
+    """Motion with the fastest single feed whose acceleration stays within a ratio to the limits."""
     for feed_mm_s in np.geomspace(motion.machine.feed_limit_mm_s, 1.0, _SINGLE_FEEDS):
         one = ride(controller, points, np.full(len(points) - 1, feed_mm_s))
         if _ratios(motion, one)[0] <= acceleration_ratio * _AS_GENTLE:
@@ -132,7 +133,7 @@ def _as_gentle(controller: Controller, motion: Motion, points: Array, accelerati
 
 
 def _ratios(motion: Motion, one: Ride) -> tuple[float, float]:
-    """Worst acceleration and jerk of the axes over their limits, as the smooth path is driven, over 5 ms."""
+    """Largest ratio of axis acceleration and jerk to their limits on the smooth path, averaged over 5 ms."""
     s, _ = one.sampled(_PERIOD_S)
     start_mm, end_mm = motion.toolpath.start_mm, motion.toolpath.end_mm
     s = np.pad(start_mm + s * (end_mm - start_mm) / np.sum(one.length_mm), (20, 20), mode="edge")

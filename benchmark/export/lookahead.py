@@ -1,6 +1,6 @@
-"""Ordinary controllers: trapezoidal speeds over straight moves, junction speeds, look-ahead; no code of the core.
+"""Ordinary controllers: trapezoidal speeds on straight moves, junction speeds, look-ahead; no code of the core.
 
-Two kinds, from their published rules:
+Two controllers, after their published rules:
 
 - ``grbl``: 16 moves of look-ahead; acceleration of each axis; the speed through a corner from a junction deviation
   (a circle that leaves the corner by that much: ``v^2 = a d sin / (1 - sin)`` of half the angle between the moves).
@@ -26,9 +26,9 @@ class Controller:
     Attributes:
         name: ``grbl`` or ``klipper``.
         velocity_mm_s, acceleration_mm_s2: limits of the axes.
-        junction_deviation_mm: of a corner, for ``grbl``.
+        junction_deviation_mm: deviation at a corner, for ``grbl``.
         square_corner_mm_s: speed through a right angle, for ``klipper``.
-        lookahead_moves: the machine can stop within so many moves at any time; 0: the whole program is known.
+        lookahead_moves: number of moves within which the machine can always stop; 0: the whole program is known.
     """
 
     name: str
@@ -41,13 +41,13 @@ class Controller:
 
 @dataclass(frozen=True)
 class Ride:
-    """What a controller makes of moves: shape (n,) a move.
+    """Motion of a controller over straight moves; every array has shape (n,), one entry per move.
 
     Attributes:
-        length_mm: of each move.
-        start_mm_s, peak_mm_s, end_mm_s: speeds of its trapezoid.
-        acceleration_mm_s2: along it.
-        time_s: it takes.
+        length_mm: length of the move.
+        start_mm_s, peak_mm_s, end_mm_s: speeds of its trapezoidal profile.
+        acceleration_mm_s2: acceleration along the move.
+        time_s: duration of the move.
     """
 
     length_mm: Array
@@ -59,7 +59,7 @@ class Ride:
 
     @property
     def total_s(self) -> float:
-        """Time from rest to rest."""
+        """Time from standstill to standstill."""
         return float(np.sum(self.time_s))
 
     def sampled(self, period_s: float) -> tuple[Array, Array]:
@@ -83,10 +83,10 @@ class Ride:
 
 
 def ride(controller: Controller, points_mm: Array, feed_mm_s: Array) -> Ride:
-    """Drive along straight moves from rest to rest.
+    """Execute straight moves from standstill to standstill.
 
     Args:
-        controller: which rules.
+        controller: the controller.
         points_mm: ends of the moves, shape (n + 1, axes).
         feed_mm_s: programmed feed of each move, shape (n,).
     """

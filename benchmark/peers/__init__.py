@@ -1,1 +1,1 @@
-"""feedopt beside other planners of time-optimal path parametrisation."""
+"""feedopt compared with other planners of time-optimal path parametrisation."""

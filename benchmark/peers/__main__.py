@@ -1,6 +1,6 @@
-"""feedopt beside TOPP-RA and COPP: same path, same limits, same audit, one run, one core.
+"""feedopt compared with TOPP-RA and COPP: same path, same limits, same audit, one run, one core.
 
-Run: ``./feedopt bench peers [--runs N] [--json FILE]``. The first run installs what requirements/bench.txt pins.
+Run: ``./feedopt bench peers [--runs N] [--json FILE]``. The first run installs the packages of requirements/bench.txt.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def main(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
     if arguments.runs < 1:
         parser.error("--runs must be at least 1")
-    # Before numpy is loaded, whose BLAS reads these once; the comparison also keeps the process on one core.
+    # Before the import of numpy, whose BLAS reads these only once. The comparison also limits the process to one core.
     os.environ.update(dict.fromkeys(_THREAD_COUNTS, "1"))
     from benchmark.peer_packages import install_missing
     from benchmark.peers.comparison import PEERS, document_of, run_peers, table_of

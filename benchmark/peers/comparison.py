@@ -1,8 +1,8 @@
-"""The comparison itself: cases, contenders, measuring, table and document.
+"""The comparison: cases, planners, measurement, table and document.
 
-Every motion is resampled at 1 kHz through the planner's own time law, evaluated on the exact path and audited twice: by
-feedopt_core.audit and by finite_differences.py, which shares no code with it. A planner that breaks a limit is shown
-with the ratio it breaks it by. Figures are reported, never judged.
+Every motion is sampled at 1 kHz with the planner's own time law, evaluated on the exact path and audited twice: by
+feedopt_core.audit, and by finite_differences.py, which shares no code with it. If a planner violates a limit, the table
+shows the ratio to the limit. The benchmark reports figures, without pass or fail.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _Setting = TypeVar("_Setting")
 
 
 CASES = ("case_a", "case_b")
-"""Machines, by name: limits of the axes alone, no limit of the feedrate along the path binds."""
+"""Machines by name: only limits of the axes are active, no limit of the feedrate along the path."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,11 @@ class PeerRow:
     """One planner with one setting on one case.
 
     Attributes:
-        failure: what the planner said when it found no motion; then the figures are missing.
-        motion_time_s: from rest to rest, as planned.
-        time_within_limits_s: the same motion slowed down as a whole until no ratio is above the audit's allowance.
+        failure: message of the planner if it found no motion; the figures are then missing.
+        motion_time_s: planned time from standstill to standstill.
+        time_within_limits_s: the same motion, slowed down as a whole until no ratio exceeds the audit's allowance.
         compute_time_s: median of the runs.
-        compute_times_s: of each run.
+        compute_times_s: time of each run.
         audit: axis to quantity to worst ratio, feedopt_core.audit.
         check: the same by finite_differences.py.
     """
@@ -87,8 +87,8 @@ def run_peers(runs: int, report: Callable[[PeerRow], None] = lambda row: None) -
     """Measure every planner on every case.
 
     Args:
-        runs: of each planner and setting; the compute time is their median.
-        report: called with each row as it is done.
+        runs: runs of each planner and setting; the compute time is their median.
+        report: called with each finished row.
     """
     program = find_config("programs", PROGRAM, ".csv")
     path = ChordSpline(program)
@@ -183,7 +183,7 @@ def _checked(motion: PeerMotion, path: ChordSpline, machine: Machine) -> dict[st
 
 
 def slowing(ratios: dict[str, dict[str, float]]) -> float:
-    """Factor on time that brings every ratio to the allowance: slowed by k, the n-th derivative falls by k^n."""
+    """Factor k on time that brings every ratio within the allowance; it divides the n-th derivative by k^n."""
     factor = 1.0
     for axis in ratios.values():
         for order, quantity in enumerate(QUANTITIES, start=1):
@@ -193,7 +193,7 @@ def slowing(ratios: dict[str, dict[str, float]]) -> float:
 
 @contextmanager
 def _one_core() -> Iterator[None]:
-    """Keep this process on one core, whatever its libraries think of threads."""
+    """Limit this process to one core, independent of the threads of its libraries."""
     cores = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {max(cores)})
     try:
@@ -203,7 +203,7 @@ def _one_core() -> Iterator[None]:
 
 
 def table_of(rows: list[PeerRow]) -> Table:
-    """The rows as a table; what breaks a limit is marked."""
+    """The rows as a table; violations are marked."""
     axes = load_machine(CASES[0]).axis_names
     table = Table(title=f"{PROGRAM}: worst ratios to the limits at 1 kHz (above {ALLOWED_RATIO:g} in red)")
     for heading in ("case", "planner", "setting"):
@@ -239,7 +239,7 @@ def _ratio_cell(ratio: float) -> str:
 
 
 def document_of(rows: list[PeerRow], runs: int, load: float) -> dict[str, object]:
-    """Everything measured, with what it was measured on."""
+    """All figures, with versions and hardware of the measurement."""
     packages = ("numpy", "scipy", *PEERS.values())
     versions = {name: importlib.metadata.version(name) for name in packages if name not in missing_peers()}
     return {

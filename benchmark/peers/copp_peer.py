@@ -1,9 +1,9 @@
 """COPP's TOPP3 (package copp-py): minimum time under velocity, acceleration and jerk limits on stations.
 
 Its time law: at the stations ``a = (ds/dt)^2`` and ``b = d2s/dt2``, b linear in s between them, constant path jerk on
-the first and the last interval, from and to rest; evaluated by its own ``interpolation`` functions.
-The jerk limit is linearised; as its examples do, the first profile is that of its TOPP2-RA, and every round linearises
-at the profile of the one before.
+the first and the last interval, from and to standstill; evaluated by its own ``interpolation`` functions.
+The jerk limit is linearised. As in its examples, the first profile is that of its TOPP2-RA, and every round linearises
+at the previous profile.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from feedopt_core.arrays import FloatArray
 from feedopt_core.geometry.toolpath import Toolpath
 from feedopt_core.machine.machine_file import Machine
 
-# Its solver wants numbers near 1: in mm and s, or with fewer steps of equilibration, the conic form stops short on some
-# of these grids, or far from the optimum.
+# Its solver needs numbers near 1. In mm and s, or with fewer equilibration steps, the conic form fails on some of these
+# grids or ends far from the optimum.
 _LENGTH_UNIT_MM = 10.0
 _TIME_UNIT_S = 0.1
 _EQUILIBRATION_STEPS = 50
@@ -35,13 +35,13 @@ _GROWTH = 1.25
 
 
 class Stations(Enum):
-    """Where COPP looks at the limits, and what it caps the feedrate by."""
+    """Stations at which COPP applies the limits, and its upper bound of the feedrate."""
 
     EVEN = "even"
-    """Evenly spaced over the whole path and capped by the profile of TOPP2-RA: as its examples do."""
+    """Equidistant stations, feedrate bounded by the profile of TOPP2-RA, as in its examples."""
     GRADED = "graded"
-    """The best we found: finer towards rest; a station on either side of every joint of the path,
-    where the third derivative jumps; no cap, which on a grid lies below the optimum in places (0.2 % of the time)."""
+    """Our best setting: finer near standstill; a station on each side of every joint of the path, because the third
+    derivative jumps there; no upper bound, which on a grid is partly below the optimum (0.2 % of the time)."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class CoppSetting:
 
 
 def _rest_mm(machine: Machine) -> float:
-    """Length of the interval at rest: a part of the way in which the jerk builds up the acceleration."""
+    """Length of the intervals at standstill: a part of the distance in which the jerk builds up the acceleration."""
     builds_up = [
         acceleration**3 / (6.0 * jerk**2)
         for acceleration, jerk in zip(machine.acceleration_limit_mm_s2, machine.jerk_limit_mm_s3, strict=True)
@@ -70,7 +70,7 @@ def _rest_mm(machine: Machine) -> float:
 
 
 def _graded(joints_mm: FloatArray, end_mm: float, spacing_mm: float, rest_mm: float) -> FloatArray:
-    """Stations that grow from both ends up to the spacing, with one on either side of each joint between."""
+    """Stations whose distance grows from both ends up to the spacing, with one on each side of each joint."""
     steps = [min(rest_mm, spacing_mm)]
     while steps[-1] * _GROWTH < spacing_mm:
         steps.append(steps[-1] * _GROWTH)
@@ -86,10 +86,10 @@ def _graded(joints_mm: FloatArray, end_mm: float, spacing_mm: float, rest_mm: fl
 
 
 def plan(toolpath: Toolpath, machine: Machine, setting: CoppSetting) -> PeerMotion:
-    """Plan. The compute time leaves out sampling the path and handing limits over.
+    """Plan. The compute time excludes the sampling of the path and the transfer of the limits.
 
     Raises:
-        PeerError: a solver stopped short; the message is COPP's.
+        PeerError: a solver failed; the message is that of COPP.
     """
     stations_mm = setting.stations_mm(toolpath, machine)
     robot = _robot(toolpath, machine, stations_mm)
@@ -155,7 +155,7 @@ def _solve(robot: copp_py.Robot, s: FloatArray, setting: CoppSetting) -> tuple[c
         try:
             found = round_at(before[0].a)
         except copp_py.CoppError:
-            # The profile of the round before obeys the true limits at the stations as well: it stands.
+            # The previous profile also satisfies the true limits at the stations and is kept.
             break
         if abs(before[1] - found[1]) <= _SETTLED * found[1]:
             break

@@ -1,4 +1,4 @@
-"""feedopt's own planner as a contender: windowed as the planner node plans, and the whole path in one shot."""
+"""feedopt's own planner in the comparison: in windows, as in the planner node, and the whole path in one window."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from feedopt_core.planner.stream_planner import PlannerParameters
 
 
 def plan_windowed(program: Path, machine: Machine) -> PeerMotion:
-    """Plan chunk by chunk. The compute time holds everything: reading, smoothing, planning, certificates.
+    """Plan chunk by chunk. The compute time includes reading, smoothing, planning and certificates.
 
     Raises:
-        PeerError: no plan.
+        PeerError: no plan was found.
     """
     try:
         plan = plan_program(program, machine, PlannerParameters())
@@ -31,10 +31,10 @@ def plan_windowed(program: Path, machine: Machine) -> PeerMotion:
 
 
 def plan_one_shot(toolpath: Toolpath, machine: Machine) -> PeerMotion:
-    """Plan the whole path as one window. The compute time holds sampling the path, the solve and its check.
+    """Plan the whole path as one window. The compute time includes sampling of the path, solution and check.
 
     Raises:
-        PeerError: no plan.
+        PeerError: no plan was found.
     """
     parameters = PlannerParameters()
     method = make_method(parameters.method, machine, parameters.knot_spacing_mm)

@@ -1,8 +1,8 @@
-"""Second opinion on set points: a path and differences of their own, nothing of feedopt_core.
+"""Independent check of set points with its own path and finite differences, without feedopt_core.
 
-The path is built again from the points of the program: scipy's cubic spline over chord length, its arc length by
-Gauss-Legendre quadrature, its inverse by Newton's method. Positions at the given arc lengths, padded with rest, are
-differenced by repeated subtraction.
+The path is built from the points of the program: scipy's cubic spline over chord length, its arc length by
+Gauss-Legendre quadrature, its inverse by Newton's method. Positions at the given arc lengths, extended by standstill,
+are differenced by repeated subtraction.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class ChordSpline:
 
 
 def worst_differences(position_mm: FloatArray, period_s: float) -> dict[str, FloatArray]:
-    """Largest velocity, acceleration and jerk of each column, rest before and after included.
+    """Largest velocity, acceleration and jerk of each column, including standstill before and after.
 
     Args:
         position_mm: equidistant positions, shape (n, columns).

@@ -1,4 +1,4 @@
-"""What every planner of the comparison answers, and the 1 kHz set points made of it."""
+"""The motion returned by every planner of the comparison, and its 1 kHz set points."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ PERIOD_S = 0.001
 
 
 class PeerError(Exception):
-    """A planner found no motion; the message is its own."""
+    """A planner found no motion; the message is that of the planner."""
 
 
 @dataclass(frozen=True)
 class PeerMotion:
-    """A planned motion from rest to rest over the whole path.
+    """A planned motion from standstill to standstill over the whole path.
 
     Attributes:
         motion_time_s: its duration.
-        compute_time_s: time the planner took.
+        compute_time_s: time that the planner needed.
         s_mm: arc length at every tick of 1 ms, shape (n,): from 0 at t = 0 to the end of the path at the first tick at
             or after the end of the motion.
     """

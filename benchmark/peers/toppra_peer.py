@@ -1,4 +1,4 @@
-"""TOPP-RA (package toppra): minimum time under velocity and acceleration limits on a grid. It knows no jerk.
+"""TOPP-RA (package toppra): minimum time under velocity and acceleration limits on a grid, without a jerk limit.
 
 Its time law: ``ds/dt`` at the grid points, constant ``d2s/dt2`` between them.
 """
@@ -23,7 +23,7 @@ _LEAST_LIMIT_MM_S = 1e-3
 
 
 class _AxisPath(AbstractGeometricPath):  # type: ignore[misc]
-    """The toolpath in axis coordinates as toppra wants to see it."""
+    """The toolpath in axis coordinates with the interface of toppra."""
 
     def __init__(self, toolpath: Toolpath, machine: Machine) -> None:
         self._toolpath = toolpath
@@ -44,7 +44,7 @@ class _AxisPath(AbstractGeometricPath):  # type: ignore[misc]
 
 
 def plan(toolpath: Toolpath, machine: Machine, spacing_mm: float) -> PeerMotion:
-    """Plan on an even grid. The compute time leaves out sampling the path and its limits.
+    """Plan on an equidistant grid. The compute time excludes the sampling of the path and its limits.
 
     Raises:
         PeerError: toppra found no parametrisation.
@@ -55,7 +55,7 @@ def plan(toolpath: Toolpath, machine: Machine, spacing_mm: float) -> PeerMotion:
     acceleration = np.array(machine.acceleration_limit_mm_s2)
 
     def velocity_limits(s_mm: float) -> FloatArray:
-        # The feed limit, written as an axis limit: |g1| feed on any axis holds ds/dt at or below the feed.
+        # The feed limit as an axis limit: a limit of |g1| feed on any axis keeps ds/dt at or below the feed.
         direction = np.abs(path(s_mm, 1))
         limit = np.maximum(np.minimum(velocity, direction * machine.feed_limit_mm_s), _LEAST_LIMIT_MM_S)
         return np.stack([-limit, limit], axis=1)

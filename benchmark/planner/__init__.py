@@ -1,1 +1,1 @@
-"""The planner measured: methods, windows, speed, scale."""
+"""Measurement of the planner: methods, windows, speed, scale."""

@@ -1,7 +1,7 @@
-"""The planner: every method beside the mesh-converged optimum, windows, speed and scale, each figure with its audit.
+"""The planner: every method against the mesh-converged optimum, windows, speed and scale, each figure with its audit.
 
 Run: ``./feedopt bench planner [SECTION ...] [--runs N] [--json FILE]``. Sections: kinematic, drives, windows, speed,
-scale; without one, all of them. The peers stand in ``./feedopt bench peers``. One process, one core.
+scale; default: all. For other planners see ``./feedopt bench peers``. One process, one core.
 """
 
 from __future__ import annotations

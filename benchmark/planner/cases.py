@@ -29,7 +29,7 @@ _SCALE_M = (1.0, 10.0, 100.0, 250.0, 500.0, 750.0, 1000.0)
 
 @dataclass(frozen=True)
 class Failed:
-    """A method that found no plan, and why."""
+    """A method that found no plan, with the cause."""
 
     case: str
     method: str
@@ -39,7 +39,7 @@ class Failed:
 
 @dataclass(frozen=True)
 class Scaled:
-    """A stream up to some length: computing time with the making of segments, memory, worst window so far."""
+    """Figures of a stream up to a length: computing time including that of the segments, memory, worst window."""
 
     length_m: float
     motion_s: float
@@ -59,7 +59,7 @@ def fan() -> list[Segment]:
 
 
 def kinematic(runs: int) -> Iterator[Row]:
-    """The fan contour under axis limits alone."""
+    """The fan contour with axis limits only."""
     segments = fan()
     for case in ("case_a", "case_b"):
         for method in ("lp", "lp_nlp"):
@@ -83,19 +83,19 @@ def drives(runs: int) -> Iterator[Row]:
 
 
 def table_3_1() -> Machine:
-    """The thesis' simulation study: velocity, control signal and the whole tracking error, no limit of jerk."""
+    """Machine of the thesis' simulation study: velocity, control signal and full tracking error, no jerk limit."""
     machine = load_machine("router_simulation")
     free = (float("inf"),) * len(machine.axis_names)
     return replace(machine, name="table_3_1", jerk_limit_mm_s3=free, tracking_error_reserve_mm=None)
 
 
 def without_velocity_limit(machine: Machine) -> Machine:
-    """The machine with the velocity that its control signal leaves it, as its only limit of velocity."""
+    """The machine without its velocity limits, except the velocity that the control signal can sustain."""
     return replace(machine, velocity_limit_mm_s=(float("inf"),) * len(machine.axis_names), feed_limit_mm_s=1e4)
 
 
 def _converged(case: str, segments: list[Segment], machine: Machine) -> Iterator[Row]:
-    """The whole path in one window, knots halved until the time changes by less than a tenth of a percent."""
+    """The whole path in one window; the knot spacing is halved until the time changes by less than 0.1 %."""
     spacing_mm, before_s = 2.0 * PlannerParameters().knot_spacing_mm, float("inf")
     while spacing_mm > _FINEST_MM:
         spacing_mm /= 2.0
@@ -107,7 +107,7 @@ def _converged(case: str, segments: list[Segment], machine: Machine) -> Iterator
 
 
 def windows(runs: int) -> Iterator[Row]:
-    """Windowed against one window for the whole path or up to the next exact stop, on the same mesh."""
+    """Several windows against one window for the whole path or up to the next exact stop, on the same mesh."""
     for name, segments, machine in _every_path():
         case, whole = f"{name}, {machine.name}", PlannerParameters(commitment_mm=1e6)
         for setting, parameters in (("windows", PlannerParameters()), ("whole path", whole)):
@@ -116,7 +116,7 @@ def windows(runs: int) -> Iterator[Row]:
 
 
 def _every_path() -> Iterator[tuple[str, list[Segment], Machine]]:
-    """Name, segments and machine; programs that cannot be read are a matter of ``bench programs``."""
+    """Name, segments and machine of every path; ``bench programs`` reports programs that cannot be read."""
     paths: tuple[tuple[str, Callable[[], list[Segment]]], ...] = (
         ("fan", fan),
         ("hand-like", hand_like),
@@ -146,7 +146,7 @@ def speed(runs: int) -> Iterator[Row]:
 
 
 def scale(runs: int) -> Iterator[Row]:
-    """One stream of a kilometre, looked at on the way: time must grow linearly, memory must not grow."""
+    """One stream of a kilometre, measured at several lengths: time must grow linearly, memory must not grow."""
     marks_mm = [1e3 * length_m for length_m in _SCALE_M]
     rows: list[Scaled] = []
     worst_share, fallbacks, began_s = 0.0, 0, time.process_time()

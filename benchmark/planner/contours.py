@@ -1,6 +1,6 @@
-"""Paths of the planner's benchmarks, drawn by ourselves: of the published ones only the fan contour is given.
+"""Paths of the planner's benchmarks, designed for this project: of the published contours only the fan is available.
 
-None of their figures may be quoted as the figure of a published contour.
+Figures of these paths must not be quoted as figures of a published contour.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from feedopt_core.geometry.segments import PlanarSegment, Segment, SegmentKind, 
 from feedopt_core.smoothing.cubic_spline import interpolate_points
 
 _FINGERS = (
-    # angle of the finger from x, degrees; length and half width, mm; where it leaves the palm, mm
+    # angle of the finger from x, degrees; length and half width, mm; its start at the palm, mm
     (160.0, 62.0, 10.0, (-38.0, 8.0)),
     (112.0, 74.0, 8.5, (-25.0, 38.0)),
     (94.0, 82.0, 9.0, (-5.0, 45.0)),
@@ -25,13 +25,13 @@ _WRIST = ((28.0, -30.0), (20.0, -55.0), (0.0, -62.0), (-20.0, -55.0), (-30.0, -2
 
 
 def hand_like() -> list[Segment]:
-    """A closed contour of a palm with five fingers, about a metre long, in the manner of the thesis' figure 3-13."""
+    """A closed contour of a palm with five fingers, about a metre long, similar to figure 3-13 of the thesis."""
     outline: list[tuple[float, float]] = []
     for angle, length, half, (x, y) in _FINGERS:
         along = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
         across = np.array([along[1], -along[0]])
         root = np.array([x, y])
-        # Down the side that comes first, round the tip, back on the other side.
+        # Along the first side, around the tip, back on the other side.
         for a, b in ((0.0, -1.15), (0.35, -1.0), (0.7, -0.95), (0.92, -0.72), (1.0, 0.0)):
             outline.append(tuple(root + a * length * along + b * half * across))
         for a, b in ((0.92, 0.72), (0.7, 0.95), (0.35, 1.0), (0.0, 1.15)):
@@ -41,10 +41,10 @@ def hand_like() -> list[Segment]:
 
 
 def long_smooth(length_mm: float = 18_500.0, chord_mm: float = 45.0, seed: int = 3) -> list[Segment]:
-    """A winding path without sharp bends, so long that a short one-shot plan is no longer natural."""
+    """A winding path without sharp bends, long enough that planning in windows is needed."""
     random = np.random.default_rng(seed)
     count = int(length_mm / chord_mm)
-    # The turning rate wanders and is drawn back to zero: bends of both signs, radii from about 60 mm.
+    # The curvature is a random walk with a drift to zero: bends of both signs, radii from about 60 mm.
     turn = np.zeros(count)
     for i in range(1, count):
         turn[i] = 0.8 * turn[i - 1] + 0.16 * random.standard_normal()
@@ -54,7 +54,7 @@ def long_smooth(length_mm: float = 18_500.0, chord_mm: float = 45.0, seed: int =
 
 
 def serpentine(length_mm: float, radius_mm: float = 12.0, spiral_mm: float = 14.0) -> Iterator[PlanarSegment]:
-    """Euler spirals, bending left and right in turn, for as long as one likes; curvature is continuous throughout."""
+    """Euler spirals that bend left and right in turn, up to any length; continuous curvature."""
     sharpness = 1.0 / (radius_mm * spiral_mm)
     start_mm, heading_rad, curvature = np.zeros(2), 0.0, 0.0
     count = max(4, round(length_mm / spiral_mm))

@@ -1,4 +1,4 @@
-"""Plans a path as it arrives and takes every figure: motion, computing, ratios by two audits, windows, memory."""
+"""Plans a path segment by segment and measures motion, computing time, ratios by two audits, windows and memory."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class Measured:
     """One plan of one path.
 
     Attributes:
-        compute_s: CPU time of planning and audits, segments in, chunks out; median of the runs.
-        first_chunk_s: the part of it until the first chunk.
-        window_share: largest CPU time of a window over the motion it commits; median of the runs.
+        compute_s: CPU time of planning and audits, from segments to chunks; median of the runs.
+        first_chunk_s: CPU time until the first chunk.
+        window_share: largest ratio of the CPU time of a window to its committed motion time; median of the runs.
         ratio_1khz, ratio_fine: worst ratio to a limit by feedopt_core.audit, with its quantity and axis.
         ratio_check: worst ratio by the differences below, which share no code with the core.
-        solvers: plans by the solver that found them.
+        solvers: number of plans found by each solver.
     """
 
     case: str
@@ -65,9 +65,9 @@ def plan_segments(
     parameters: PlannerParameters,
     on_chunk: Callable[[Chunk, float], None],
 ) -> tuple[float, float]:
-    """Plan segment by segment; CPU time in all and until the first chunk, s, the making of segments left out.
+    """Plan segment by segment; returns the CPU time in total and until the first chunk, s, without making segments.
 
-    Every chunk is handed on with the CPU time of its window.
+    Every chunk is passed on with the CPU time of its window.
     """
     warm_up_planning()
     planner = StreamPlanner(machine, parameters)
@@ -135,12 +135,12 @@ def measure(
 
 
 def window_share(chunk: Chunk, spent_s: float) -> float:
-    """CPU time of a window over the time of the motion it commits."""
+    """Ratio of the CPU time of a window to its committed motion time."""
     return spent_s / (chunk.t_commit_s - chunk.t_start_s)
 
 
 def worst_difference(position_mm: FloatArray, machine: Machine) -> float:
-    """Worst ratio of any axis to any limit it has, by repeated subtraction of set points, rest before and after."""
+    """Largest ratio of any axis to its limits, by repeated subtraction of set points, with standstill at both ends."""
     rest = _REST_TICKS
     x = np.concatenate([np.repeat(position_mm[:1], rest, 0), position_mm, np.repeat(position_mm[-1:], rest, 0)])
     v1 = (x[1:] - x[:-1]) / PERIOD_S
@@ -154,7 +154,7 @@ def worst_difference(position_mm: FloatArray, machine: Machine) -> float:
             (j1, machine.jerk_limit_mm_s3),
         )
     ]
-    # All at the middle instants: a at set point i, v and j as the mean of their neighbours.
+    # All at the same instants: a at set point i, v and j as the mean of their two neighbours.
     v, a, j = 0.5 * (v1[1:-2] + v1[2:-1]), a1[1:-1], 0.5 * (j1[:-1] + j1[1:])
     if machine.drive is not None and machine.control_limit_volts is not None:
         m, b, c, d = (np.array(row) for row in vars(machine.drive).values())

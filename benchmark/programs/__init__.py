@@ -1,1 +1,1 @@
-"""Programs as users have them, from file to audited plan."""
+"""Typical user programs, from file to audited plan."""

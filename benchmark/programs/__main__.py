@@ -1,9 +1,9 @@
-"""Programs as users have them, from their files to audited plans.
+"""Typical user programs, from their files to audited plans.
 
 Run: ``./feedopt bench programs [--part NAME ...] [--method NAME] [--tolerance MM]``. Parts: ``table`` (our own programs
 and those in the folder that FEEDOPT_PROGRAMS names, else in ../shared/data/programs beside the workspace), ``chords``
-(the fan contour as short chords against its smooth curve), ``reading`` (lines a second, memory) and ``scales``. Plane
-programs run on case_a, others on router_heng. Figures are reported, never judged.
+(the fan contour as short chords against its smooth curve), ``reading`` (lines per second, memory) and ``scales``. Plane
+programs use case_a, others router_heng. The benchmark reports figures, without pass or fail.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _LAPS = (1, 10)
 
 @dataclass(frozen=True)
 class Setting:
-    """What every part works with."""
+    """Settings of every part."""
 
     folder: Path
     parameters: PlannerParameters
@@ -66,7 +66,7 @@ def program_table(setting: Setting) -> Table:
     for column in ("deviation / tolerance", "motion time", "worst ratio", "planning", "windows", "fall-backs"):
         table.add_column(column)
     programs = list(all_programs(setting.folder))
-    # What is compiled is loaded here, not in the first row.
+    # Load the compiled code here, not in the first row.
     run_program(*programs[0], machines, setting.parameters, setting.tolerance_mm)
     for name, path in programs:
         row = row_of(run_program(name, path, machines, setting.parameters, setting.tolerance_mm))
@@ -76,7 +76,7 @@ def program_table(setting: Setting) -> Table:
 
 
 def row_of(run: ProgramRun) -> tuple[str, ...]:
-    """A row of the table; what is not known is left out, and the failure stands at its end."""
+    """A row of the table; unknown figures are omitted, a failure is the last cell."""
     survey, motion, cells = run.survey, run.motion, [run.name]
     if survey is not None:
         stops = sum(segment.place.exact_stop for segment in survey.segments)
@@ -129,7 +129,7 @@ def chord_table(setting: Setting) -> Table:
 
 
 def reading_table(setting: Setting) -> Table:
-    """Lines a second of processor time, and memory."""
+    """Lines per second of processor time, and memory."""
     points_mm = sampled(fan_contour(), _READING_CHORD_MM)
     warm_up, path = setting.folder / "warm_up.ngc", setting.folder / "reading.ngc"
     write_chords(warm_up, points_mm[:5000], 4)

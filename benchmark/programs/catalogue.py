@@ -1,4 +1,4 @@
-"""Every program that the benchmarks know, and the machine each runs on."""
+"""Every program of the benchmarks, and its machine."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from benchmark.programs.own import OWN_PROGRAMS
 from feedopt_core.pipeline.read_program import SUFFIXES
 
 MACHINES = {2: "case_a", 3: "router_heng"}
-"""Machine for as many coordinates as a program needs."""
+"""Machine for each number of coordinates."""
 _WORKSPACE = Path(__file__).resolve().parents[2]
 
 
 def all_programs(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Our own programs, written into a folder, and the real ones that are there."""
+    """Our own programs, written into a folder, and the available real ones."""
     for name, (_, text) in OWN_PROGRAMS.items():
         path = folder / f"{name}.ngc"
         path.write_text(text(), encoding="utf-8")

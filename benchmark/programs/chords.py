@@ -1,4 +1,4 @@
-"""The fan contour as a program of chords, and what is compared with it: the smooth curve itself."""
+"""The fan contour as a program of chords, and the smooth curve for comparison."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from feedopt_core.programs.points_csv import read_points
 from feedopt_core.smoothing.cubic_spline import interpolate_points
 
 _FEED_MM_MIN = 60_000
-"""Above every limit of the machines here: they alone hold."""
+"""Above every limit of these machines, so that only the machine limits apply."""
 
 
 def fan_contour() -> tuple[Segment, ...]:
@@ -45,5 +45,5 @@ def write_chords(path: Path, points_mm: FloatArray, decimals: int, laps: int = 1
 
 
 def chord_lengths() -> Iterator[tuple[float, int]]:
-    """Chords in mm, and the decimals they are programmed with: as many as tell neighbours apart."""
+    """Chord lengths in mm with their number of decimals, sufficient to distinguish neighbouring points."""
     yield from ((0.1, 4), (0.01, 4), (0.001, 5))

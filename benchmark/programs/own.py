@@ -1,7 +1,7 @@
-"""Programs of our own, as G-code text: what users bring, in small, with known shapes.
+"""Programs of our own as G-code text: small examples of user programs with known shapes.
 
-Each function returns a whole program. Lengths are millimetres, or what ``unit`` says (25.4 with G20: the same part in
-inches).
+Each function returns a complete program. Lengths are in mm; with ``unit`` 25.4 the program has the same part in inches
+(G20).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def circle_diamond_square(size_mm: float = 40.0, unit: float = 1.0, feed_mm_min:
 
 
 def spiral_of_arcs(inner_mm: float = 4.0, growth_mm: float = 2.0, halves: int = 10) -> str:
-    """Half circles of growing radius that join tangentially: steps of curvature only."""
+    """Half circles of growing radius with tangential joints: only the curvature has steps."""
     moves, x, radius = list[str](), 0.0, inner_mm
     for k in range(halves):
         centre = radius if k % 2 == 0 else -radius
@@ -85,7 +85,7 @@ def butterfly() -> str:
 
 
 def helix(radius_mm: float = 12.0, pitch_mm: float = 3.0, turns: int = 3) -> str:
-    """Straight in, down a helix in half turns, straight out."""
+    """Straight approach, helix downwards in half turns, straight exit."""
     moves = [f"G1 X{_number(radius_mm)} Y{_number(-radius_mm)}", f"G1 X{_number(radius_mm)} Y0"]
     for k in range(2 * turns):
         x = -radius_mm if k % 2 == 0 else radius_mm
@@ -140,6 +140,6 @@ def _program(
 
 
 def _number(value_mm: float, unit: float = 1.0) -> str:
-    """A coordinate as it is posted: as many decimals as tell 0.1 micrometre apart."""
+    """A coordinate as text, with a resolution of 0.1 micrometre."""
     text = f"{value_mm / unit:.{4 if unit == 1.0 else 8}f}".rstrip("0").rstrip(".")
     return "0" if text in ("-0", "") else text

@@ -25,11 +25,11 @@ class Motion:
     """A plan for a path.
 
     Attributes:
-        time_s: from rest to rest.
+        time_s: motion time from standstill to standstill.
         planning_s: wall time of the planner alone.
-        windows, fallbacks: planned windows, and those that took the stop of the one before for want of a plan.
-        worst_ratio: to a limit, on the fine grid and at the set points.
-        holds: the audit's verdict.
+        windows, fallbacks: number of windows, and of those without a plan, which end in the stop of the previous one.
+        worst_ratio: largest ratio to a limit, on the fine grid and at the set points.
+        holds: whether the audit found no violation.
     """
 
     time_s: float
@@ -42,7 +42,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class ProgramRun:
-    """A program as far as it came; ``failure`` says what ended it, empty where nothing did."""
+    """Results of a program up to a failure; ``failure`` is its cause, or empty."""
 
     name: str
     survey: Survey | None = None
@@ -53,7 +53,7 @@ class ProgramRun:
 def run_program(
     name: str, path: Path, machines: dict[int, Machine], parameters: PlannerParameters, tolerance_mm: float
 ) -> ProgramRun:
-    """Read, smooth and plan a program on the machine for as many coordinates as it needs."""
+    """Read, smooth and plan a program on the machine for its number of coordinates."""
     survey = None
     try:
         survey = survey_program(path, tolerance_mm=tolerance_mm)

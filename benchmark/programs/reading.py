@@ -1,4 +1,4 @@
-"""How fast programs of many short lines are read and smoothed, and the memory that takes, as a stream."""
+"""Time and memory for reading and smoothing programs of many short lines as a stream."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class ReadingFigures:
     """One program read as a stream.
 
     Attributes:
-        lines: of the program.
+        lines: number of lines of the program.
         parse_s: processor time from the file to moves.
         whole_s: processor time from the file to segments.
-        first_segment_s: the part of that until the first segment.
-        segments: how many there are.
-        memory_mb: largest resident memory of the process; ``start_mb`` before it read anything.
+        first_segment_s: processor time until the first segment.
+        segments: number of segments.
+        memory_mb: largest resident memory of the process; ``start_mb``: before reading.
     """
 
     lines: int
@@ -36,7 +36,7 @@ class ReadingFigures:
 
 
 def measure_reading(path: Path, warm_up: Path, tolerance_mm: float) -> ReadingFigures:
-    """Read a program in a process of its own, behind a small one that loads what is compiled."""
+    """Read a program in a separate process, after a small program that loads the compiled code."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         return pool.apply(_measure, (path, warm_up, tolerance_mm))
 
@@ -59,7 +59,7 @@ def _measure(path: Path, warm_up: Path, tolerance_mm: float) -> ReadingFigures:
 
 
 def _peak_mb() -> float:
-    """Largest resident memory of this process; ``getrusage`` would count that of the one it was forked from."""
+    """Largest resident memory of this process; ``getrusage`` would include that of the parent before the fork."""
     status = Path("/proc/self/status").read_text(encoding="ascii")
     line = next(line for line in status.splitlines() if line.startswith("VmHWM:"))
     return int(line.split()[1]) / _KILOBYTES_A_MEGABYTE

@@ -1,4 +1,4 @@
-"""The same part in millimetres, in inches and a thousand times as large: is it the same plan?"""
+"""The same part in millimetres, in inches and a thousand times as large, to compare their plans."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def run_scales(
 
 
 def scaled(machine: Machine, scale: float) -> Machine:
-    """A machine with limits so many times as large; for one without drive model and tracking."""
+    """A machine with all limits multiplied by ``scale``; only for machines without drive model and tracking."""
     return replace(
         machine,
         feed_limit_mm_s=scale * machine.feed_limit_mm_s,

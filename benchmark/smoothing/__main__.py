@@ -1,8 +1,8 @@
-"""Designs of the curve that replaces a run of short moves, by the motion time that results.
+"""Designs of the curve that replaces a run of short moves, compared by the resulting motion time.
 
 Run: ``./feedopt bench smoothing [--chords MM ...] [--decimals N] [--designs NAME ...]``. The run is the fan contour's
-smooth curve, sampled in chords; planned by method lp on machine case_a. What is compared with is the smooth curve
-itself. The first run installs what requirements/bench.txt pins.
+smooth curve, sampled in chords; planned by method lp on machine case_a and compared with the smooth curve itself. The
+first run installs the packages of requirements/bench.txt.
 """
 
 from __future__ import annotations

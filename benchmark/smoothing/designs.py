@@ -1,4 +1,4 @@
-"""The designs that were compared: points in, curve out."""
+"""The compared designs; each makes a curve from points."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _SLIDE = 5.0
 
 @dataclass(frozen=True)
 class Design:
-    """A way from points to curves that join.
+    """A method that makes joined curves from points.
 
     Attributes:
         name: short name.
-        note: what it is.
-        curves: of the points (shape (n, 2), mm) within a tolerance (mm).
+        note: description.
+        curves: function of the points (shape (n, 2), mm) and a tolerance (mm) that returns the curves.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Design:
 
 
 def tube_spline(points_mm: FloatArray, tolerance_mm: float) -> list[NurbsCurve]:
-    """The design that was kept."""
+    """The design in use."""
     smoother = RunSmoother(tolerance_mm)
     lines, feed = np.arange(len(points_mm)), np.full(len(points_mm), np.inf)
     pieces = []
@@ -51,7 +51,7 @@ def tube_spline(points_mm: FloatArray, tolerance_mm: float) -> list[NurbsCurve]:
 
 
 def tube_programme(points_mm: FloatArray, tolerance_mm: float) -> list[NurbsCurve]:
-    """Least integral |r'''|^2 with the distance along the normal of each site bounded, as one quadratic programme."""
+    """Minimum integral of |r'''|^2 with bounded distance along the normal at each site, as one quadratic programme."""
     vertices = simplified(points_mm, 0.1 * tolerance_mm)
     u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1))])
     coarse = simplified(vertices, 0.5 * tolerance_mm)
@@ -126,24 +126,24 @@ def _penalised(points_mm: FloatArray, tolerance_mm: float, degree: int) -> Nurbs
         else:
             high = factor
     if best is None:
-        raise ValueError("no smoothing factor keeps the tolerance")
+        raise ValueError("no smoothing factor satisfies the tolerance")
     return NurbsCurve.from_control_net(degree, best.t, best.c, np.ones(len(best.c)))
 
 
 def beta_nurbs(points_mm: FloatArray, tolerance_mm: float) -> tuple[NurbsCurve, ...]:
-    """Least-squares cubic NURBS joined by beta constraints, through the vertices that half of the tolerance leaves."""
+    """Least-squares cubic NURBS with beta constraints, through the polyline simplified with half of the tolerance."""
     return fit_nurbs(simplified(points_mm, 0.5 * tolerance_mm)).curves
 
 
 def simplified(points_mm: FloatArray, tolerance_mm: float) -> FloatArray:
-    """Vertices of the polyline that a tolerance leaves."""
+    """Vertices of the polyline simplified within a tolerance."""
     simplifier = PolylineSimplifier(tolerance_mm)
     vertices = simplifier.add(points_mm, np.arange(len(points_mm)), np.ones(len(points_mm)))
     return vertices.joined(simplifier.finish()).points_mm
 
 
 def deviation_mm(curves: Sequence[NurbsCurve], points_mm: FloatArray) -> float:
-    """Largest distance from a programmed point to the curve, by samples 1 um apart or closer."""
+    """Largest distance from a programmed point to the curve, by samples at most 1 um apart."""
     parts = []
     for curve in curves:
         joints = curve.joints
