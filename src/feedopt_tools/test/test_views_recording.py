@@ -183,7 +183,7 @@ def test_matplotlib_takes_over_where_rerun_cannot_draw(
     for name in ("VK_ICD_FILENAMES", "VK_DRIVER_FILES", "__EGL_VENDOR_LIBRARY_FILENAMES"):
         monkeypatch.setenv(name, str(tmp_path / "none.json"))
     monkeypatch.setenv("LIBGL_DRIVERS_PATH", str(tmp_path))
-    with pytest.raises(ViewError, match=r"does not draw here.*mesa-vulkan-drivers"):
+    with pytest.raises(ViewError, match=r"cannot draw on this computer.*mesa-vulkan-drivers"):
         draw_picture(run, tmp_path / "run.png", by="rerun")
     picture = draw_picture(run, tmp_path / "run.png")
     assert picture.drawn_by == "matplotlib"
@@ -234,7 +234,7 @@ def test_without_display_the_viewer_says_how_to_look(
     assert opened.viewer_pid is None
     assert opened.recording.stat().st_size > 100_000
     assert "--web" in opened.hint
-    with pytest.raises(ViewError, match="no such recording"):
+    with pytest.raises(ViewError, match="this recording does not exist"):
         viewer.open_viewer(tmp_path / "other.rrd")
 
 

@@ -213,7 +213,7 @@ def test_thinned_curve_keeps_its_peaks() -> None:
 def test_pages_are_those_the_run_has_something_for(run: RunData) -> None:
     assert pages_of(scene_of(run)) == PAGES
     assert PLANNER not in pages_of(scene_of(replace(run, chunks=())))
-    with pytest.raises(ViewError, match="there are: motion, active-limit"):
+    with pytest.raises(ViewError, match="available: motion, active-limit"):
         page_named("nothing")
 
 

@@ -25,12 +25,12 @@ _LIMIT_KINDS = {
     "control_signal": (232, 92, 60),
     "tracking_error": (148, 104, 228),
 }
-# The hue stands for the quantity, the lightness for the axis.
+# The hue identifies the quantity, the lightness the axis.
 _LIGHTER = (0.0, 0.42, -0.4, 0.68, -0.6, 0.21)
 
 
 def axis_colour(axis: int) -> tuple[int, int, int]:
-    """Colour of an axis by its place in the machine file."""
+    """Colour of an axis, given its index in the machine file."""
     return AXES[axis % len(AXES)]
 
 

@@ -1,4 +1,4 @@
-"""The pages of a run: title of each, and the colouring of the path beside it."""
+"""The pages of a run, each with its title and the colouring of the path."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class Page:
     """One page.
 
     Attributes:
-        key: its name on the command line and of its picture.
-        title: its tab.
-        path: colouring of the path that is in front: a key of a path colouring, or ``contour``.
-        over: time line it opens on, ``time`` or ``arc-length``.
+        key: name of the page on the command line, and file name of its picture.
+        title: title of its tab.
+        path: colouring of the path shown first: key of a path colouring, or ``contour``.
+        over: horizontal axis of its curves: ``time`` or ``arc-length``.
     """
 
     key: str
@@ -47,7 +47,7 @@ def page_named(key: str) -> Page:
     for page in PAGES:
         if page.key == key:
             return page
-    raise ViewError(f"there is no page {key!r}; there are: {', '.join(page.key for page in PAGES)}")
+    raise ViewError(f"there is no page {key!r}; available: {', '.join(page.key for page in PAGES)}")
 
 
 def pages_of(scene: RunScene) -> tuple[Page, ...]:

@@ -1,4 +1,4 @@
-"""Pictures of a run: drawn by Rerun if it can draw here, otherwise by matplotlib with the same content."""
+"""Pictures of a run: drawn by Rerun if it works on this computer, otherwise by matplotlib with the same content."""
 
 from __future__ import annotations
 
@@ -54,20 +54,20 @@ def draw_page(
     """Draw one page of a run.
 
     Args:
-        scene: what is shown.
+        scene: the run.
         picture: the PNG to write.
-        page: which page.
-        over: ``time`` or ``arc-length``; None: as the page has it.
-        by: ``rerun``, ``matplotlib``, or ``any``: Rerun first, matplotlib where it cannot.
+        page: the page to draw.
+        over: horizontal axis, ``time`` or ``arc-length``; None: that of the page.
+        by: ``rerun``, ``matplotlib``, or ``any``: Rerun, or matplotlib if Rerun cannot draw.
 
     Raises:
-        ViewError: the page is empty, the file cannot be written, or Rerun was demanded and cannot draw.
+        ViewError: the page is empty, the file cannot be written, or Rerun cannot draw although ``by`` requires it.
     """
     there = pages_of(scene)
     if page not in there:
         raise ViewError(
-            f"{scene.signals.run.path}: holds no data for the page {page.key}; "
-            f"there are: {', '.join(one.key for one in there)}"
+            f"{scene.signals.run.path}: has no data for the page {page.key}; "
+            f"available: {', '.join(one.key for one in there)}"
         )
     line = over or page.over
     return _draw(

@@ -1,4 +1,4 @@
-"""Small PNG files: a palette of each picture's own."""
+"""Small PNG files with a palette for each picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two runs beside each other by matplotlib, where Rerun cannot draw."""
+"""Comparison of two runs by matplotlib, if Rerun cannot draw."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _KEYS = ("feed", "use", "tracking_error")
 
 
 def draw_comparison_by_matplotlib(comparison: Comparison, picture: Path, over: str) -> None:
-    """Write a PNG of 1600 x 900: both paths, overlaid curves, and the time that is gained.
+    """Write a PNG of 1600 x 900 with both paths, overlaid curves and the time difference.
 
     Raises:
         OSError: the picture cannot be written.

@@ -1,4 +1,4 @@
-"""The pages of a run where Rerun cannot draw: the same curves, limits and colours by matplotlib."""
+"""The pages of a run by matplotlib, if Rerun cannot draw: the same curves, limits and colours."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def _quantity(axes: Axes, signals: RunSignals, quantity: Quantity) -> None:
                 style["label"] = "predicted by the model" if axis == len(names) - 1 else None
             curve(axes, signals.t_s, quantity.commanded[:, axis], **style)
     if quantity.limit is not None:
-        # Equal limits of several axes are one line; different ones take the colour of their axis.
+        # Equal limits of several axes are one line; different limits have the colour of their axis.
         if len(set(quantity.limit)) == 1:
             limit_line(axes, [quantity.limit[0], -quantity.limit[0]])
         else:

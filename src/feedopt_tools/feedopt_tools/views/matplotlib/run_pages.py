@@ -1,4 +1,4 @@
-"""Pages by matplotlib: the limits that bind, the contour, the planner, what happened."""
+"""Pages by matplotlib: active limits, contour, planner, events."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ _LINE_CHARACTERS = 110
 
 
 def active_limit_page(scene: RunScene) -> Figure:
-    """The path by the limit that binds; use of every limit over the arc length, axis by axis."""
+    """The path coloured by the active limit, and the utilisation of every limit over the arc length for each axis."""
     signals, use = scene.signals, scene.limit_use
-    figure = page_figure(f"{run_title(signals)}   ·   which limit binds where")
+    figure = page_figure(f"{run_title(signals)}   ·   active limit along the path")
     axes_used = list(dict.fromkeys(limit.axis for limit in use.limits if limit.axis is not None))
     rows = len(axes_used) + 1
     grid = figure.add_gridspec(rows, 2, width_ratios=[1.0, 1.15])
@@ -54,14 +54,14 @@ def active_limit_page(scene: RunScene) -> Figure:
         if (share := shares[limit.label]) >= 0.005
     ]
     free = Patch(color=unit_colour(FREE), label=f"none above 95 %: {100 * shares['none']:.0f} %")
-    path.legend(handles=[*handles, free], loc="upper left", title="binds on this part of the path")
+    path.legend(handles=[*handles, free], loc="upper left", title="active limit, part of the path")
     for place, axis in enumerate(axes_used):
         axes = figure.add_subplot(grid[place, 1])
         for k, limit in enumerate(use.limits):
             if limit.axis == axis:
                 colour = unit_colour(limit_colour(limit.key, limit.axis))
                 curve(axes, signals.s_mm, 100.0 * use.ratio[:, k], color=colour, label=limit.label)
-        _percent(axes, f"{signals.run.axis_names[axis]}: use, %")
+        _percent(axes, f"{signals.run.axis_names[axis]}: utilisation, %")
         axes.legend(loc="upper right", ncols=5, borderaxespad=0.0, bbox_to_anchor=(1.0, 1.12), fontsize=9)
         axes.set_xlim(0.0, signals.s_mm[-1])
     last = figure.add_subplot(grid[rows - 1, 1])
@@ -69,7 +69,7 @@ def active_limit_page(scene: RunScene) -> Figure:
     for first, behind, k in use.stretches():
         colour = unit_colour(FREE if k == NONE else limit_colour(use.limits[k].key, use.limits[k].axis))
         last.axvspan(signals.s_mm[first], signals.s_mm[behind], ymax=0.06, color=colour, linewidth=0)
-    last.set_title("feedrate, mm/s; below: the limit that binds")
+    last.set_title("feedrate, mm/s; below: active limit")
     last.set_ylim(bottom=-0.08 * signals.top_feed_mm_s)
     last.set_xlim(0.0, signals.s_mm[-1])
     last.set_xlabel("arc length, mm")
@@ -78,10 +78,10 @@ def active_limit_page(scene: RunScene) -> Figure:
 
 
 def contour_page(scene: RunScene) -> Figure:
-    """Programmed, smoothed and actual path, the error drawn large; contour error and lag over the arc length."""
+    """Programmed, smoothed and actual path with enlarged error; contour error and lag over the arc length."""
     signals, contour = scene.signals, scene.contour
     assert contour is not None
-    figure = page_figure(f"{run_title(signals)}   ·   error drawn {contour.factor:g} times")
+    figure = page_figure(f"{run_title(signals)}   ·   error enlarged {contour.factor:g} times")
     grid = figure.add_gridspec(2, 2, width_ratios=[1.0, 1.15])
     path = figure.add_subplot(grid[:, 0])
     strips, colours, top_um = contour_strips(contour)
@@ -104,7 +104,7 @@ def contour_page(scene: RunScene) -> Figure:
 
 
 def planner_page(scene: RunScene) -> Figure:
-    """Windows, what they cost, how far the plan was ahead, and how close to a limit each came."""
+    """Windows: committed part and stop, computing time, lead of the plan, and largest utilisation."""
     signals, chunks = scene.signals, scene.signals.run.chunks
     figure = page_figure(f"{run_title(signals)}   ·   {len(chunks)} windows, method {chunks[0].figures.method}")
     axes = figure.subplots(2, 2)
@@ -115,13 +115,13 @@ def planner_page(scene: RunScene) -> Figure:
         place.step(t_s, held, where="post", label=label, color=unit_colour(axis_colour(axis)))
 
     steps(axes[0, 0], [chunk.s_commit_mm for chunk in chunks], "committed to", 1)
-    steps(axes[0, 0], [chunk.s_stop_mm for chunk in chunks], "would come to rest at", 0)
+    steps(axes[0, 0], [chunk.s_stop_mm for chunk in chunks], "stop at", 0)
     curve(axes[0, 0], signals.t_s, signals.s_mm, color="#303038", linewidth=0.9, label="motion")
     axes[0, 0].set_title("windows: arc length, mm")
     axes[0, 0].legend(loc="upper left")
     steps(axes[0, 1], [1e3 * chunk.figures.solve_time_s for chunk in chunks], "solve", 2)
     steps(axes[0, 1], [1e3 * chunk.figures.audit_time_s for chunk in chunks], "audit", 5)
-    axes[0, 1].set_title("computing of each window, ms")
+    axes[0, 1].set_title("computing time of each window, ms")
     axes[0, 1].set_ylim(bottom=0.0)
     axes[0, 1].legend(loc="upper right")
     if scene.reserve is not None:
@@ -138,7 +138,7 @@ def planner_page(scene: RunScene) -> Figure:
 
 
 def events_page(scene: RunScene) -> Figure:
-    """Lateness, program line and what happened, the worst first."""
+    """Lateness, program line and events, the most severe first."""
     signals = scene.signals
     figure = page_figure(run_title(signals))
     grid = figure.add_gridspec(4, 1)

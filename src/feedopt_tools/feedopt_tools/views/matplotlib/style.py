@@ -1,4 +1,4 @@
-"""How pictures by matplotlib look, and the parts that several of them share."""
+"""Style and shared parts of the pictures by matplotlib."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ STYLE: dict[Any, Any] = {
 
 
 def page_figure(title: str) -> Figure:
-    """An empty page of 1600 x 900 with its title; to be made inside ``rc_context(STYLE)``."""
+    """An empty page of 1600 x 900 with its title; call it inside ``rc_context(STYLE)``."""
     figure = Figure(figsize=(WIDTH / _DPI, HEIGHT / _DPI), dpi=_DPI, layout="constrained")
     figure.get_layout_engine().set(w_pad=0.12, h_pad=0.08)  # type: ignore[union-attr, call-arg]
     figure.suptitle(title, fontsize=14, fontweight="bold", x=0.012, ha="left")
@@ -73,7 +73,7 @@ def png_of(figure: Figure) -> bytes:
 
 
 def thinned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A curve of many points by the least and the largest of each of 1500 groups: no peak is lost, shape (k,) each."""
+    """A curve reduced to the minimum and maximum of each of 1500 groups of points: keeps all peaks, shape (k,) each."""
     group = len(x) // _COLUMNS
     if group < 3:
         return x, y
@@ -90,14 +90,14 @@ def curve(axes: Axes, x: FloatArray, y: FloatArray, **style: Any) -> None:
 
 
 def limit_line(axes: Axes, values: Sequence[float], colour: tuple[float, float, float] | None = None) -> None:
-    """Straight lines at limits; none for a limit that is not there."""
+    """Straight lines at limits; no line for a missing limit."""
     for value in values:
         if np.isfinite(value):
             axes.axhline(value, color=colour or unit_colour(LIMIT), linewidth=1.1, linestyle=(0, (6, 2)), zorder=1)
 
 
 def seen_from_above(tool_mm: FloatArray) -> FloatArray:
-    """The drawing plane: x and y, or an oblique view where the path is not flat, shape (n, 2)."""
+    """Points in the drawing plane: x and y, or an oblique view if the path is not flat, shape (n, 2)."""
     size = np.ptp(tool_mm, axis=0)
     if size[2] < 0.02 * max(size[0], size[1]):
         return tool_mm[:, :2]
@@ -120,7 +120,7 @@ def path_axes(axes: Axes, scene: RunScene, strips: Sequence[FloatArray], colours
 
 
 def colour_scale(figure: Figure, axes: Axes, colours: NDArray[np.uint8], top: float, label: str) -> None:
-    """A bar beside a path: colours from zero to ``top``."""
+    """A colour bar beside a path, from zero to ``top``."""
     scale = mpl.colors.ListedColormap(colours / 255.0)
     bar = figure.colorbar(mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, top), scale), ax=axes, pad=0.01, aspect=32)
     bar.set_label(label)

@@ -1,4 +1,4 @@
-"""A program and its smoothed path by matplotlib, where Rerun cannot draw."""
+"""A program and its smoothed path by matplotlib, if Rerun cannot draw."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def draw_survey_by_matplotlib(scene: SurveyScene, picture: Path) -> None:
 
 
 def _paths(axes: Axes, scene: SurveyScene) -> None:
-    # Seen from one side, whichever of the pieces are flat.
+    # One point of view for all pieces, even if some of them are flat.
     programmed = list(zip(scene.programmed.strips, scene.programmed.rapid, strict=True))
     every = [*(strip for strip, _ in programmed), *scene.strips_mm]
     ends = np.cumsum([len(strip) for strip in every])[:-1]

@@ -1,4 +1,4 @@
-"""Two runs in one Rerun recording: paths under each other, curves over each other, differences below."""
+"""Two runs in one Rerun recording: one path below the other, overlaid curves, and their differences."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def save_comparison(comparison: Comparison, path: Path, over: str = "arc-length"
     Args:
         comparison: the runs.
         path: the file to write.
-        over: what the curves are drawn over when it opens: ``time`` or ``arc-length``.
+        over: initial horizontal axis of the curves: ``time`` or ``arc-length``.
 
     Raises:
         ViewError: the file cannot be written.
@@ -64,7 +64,7 @@ def draw_comparison(recording: rr.RecordingStream, comparison: Comparison) -> No
     reached = comparison.reached_s
     gained = 1e3 * reached.difference
     curves.curve("later/later", [along_path(reached.at)], gained, f"{comparison.names[1]} later by, ms", FEED)
-    # Over time: by how far the second one is ahead on the path.
+    # Over time: distance on the path by which the second run is ahead.
     t_s = comparison.curves[0].over_time.at
     ahead = [np.interp(t_s, scene.signals.t_s, scene.signals.s_mm) for scene in (comparison.first, comparison.second)]
     curves.curve("ahead/ahead", [along_time(t_s)], ahead[1] - ahead[0], f"{comparison.names[1]} ahead by, mm", FEED)
@@ -92,7 +92,7 @@ def comparison_layout(comparison: Comparison, over: str) -> rrb.Blueprint:
             if colouring.key == key
         ]
         if views:
-            groups.append(rrb.Vertical(*views, name="Feed" if key == "feed" else "Limit that binds"))
+            groups.append(rrb.Vertical(*views, name="Feed" if key == "feed" else "Active limit"))
     summary = rrb.TextDocumentView(origin="summary", name="Figures")
     left = rrb.Vertical(rrb.Tabs(*groups, active_tab=0), summary, row_shares=[9, 4])
     pages = [_feed_page(comparison, over, axis)]
@@ -112,7 +112,7 @@ def _feed_page(comparison: Comparison, over: str, axis: rrb.TimeAxis | None) -> 
     rows.append(_plot("difference/feed", "Difference of feed, mm/s", axis))
     later = _plot("later", f"{comparison.names[1]} is later by, ms", axis)
     ahead = _plot("ahead", f"{comparison.names[1]} is ahead by, mm", axis)
-    # Each is known on one of the time lines only.
+    # Each of the two curves exists on one time line only.
     return rrb.Vertical(*rows, later if over == "arc-length" else ahead, name="Feed")
 
 

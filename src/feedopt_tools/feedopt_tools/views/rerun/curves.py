@@ -1,4 +1,4 @@
-"""Curves, limit lines and coloured paths in a Rerun recording: how each looks stands here once."""
+"""Curves, limit lines and coloured paths in a Rerun recording, with their style."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Times = Sequence[rr.TimeColumn]
 
 
 def entity(*parts: str) -> str:
-    """Path of an entity whose parts may be any text, such as the names of axes."""
+    """Path of an entity; its parts can be any text, such as names of axes."""
     return "/".join(rr.escape_entity_path_part(part) for part in parts)
 
 
@@ -55,8 +55,8 @@ class Curves:
         *,
         steps: bool = False,
     ) -> None:
-        """A curve over both time lines, or over the one that is given; ``steps`` holds each value to the next."""
-        # Seen from afar a curve shows its extremes, not its average: a peak over a limit must not vanish.
+        """A curve on the given time lines; ``steps`` keeps each value until the next sample."""
+        # At low zoom a curve shows its extremes, not its average: a peak above a limit must stay visible.
         style = rr.SeriesLines(
             colors=colour,
             names=name,
@@ -68,7 +68,7 @@ class Curves:
         self.recording.send_columns(entity, indexes=at, columns=rr.Scalars.columns(scalars=values))
 
     def limits(self, entity: str, ends: Times, values: Sequence[float], name: str = "limit") -> None:
-        """Straight lines over the whole run; none for a limit that is not there (NaN or infinity)."""
+        """Straight lines over the whole run; no line for a missing limit (NaN or infinity)."""
         if not len(values) or not np.all(np.isfinite(values)):
             return
         style = rr.SeriesLines(colors=[LIMIT] * len(values), names=[name] * len(values), widths=[1.0] * len(values))
@@ -77,11 +77,11 @@ class Curves:
         self.recording.send_columns(entity, indexes=ends, columns=columns)
 
     def path(self, entity: str, strips: Sequence[FloatArray], colours: NDArray[np.uint8], width: float = 1.6) -> None:
-        """A path in space, one colour a strip (or one for all), shape (strips, 3)."""
+        """A path in space with one colour per strip, shape (strips, 3), or one colour for all, shape (1, 3)."""
         lines = rr.LineStrips3D(strips, colors=colours, radii=rr.Radius.ui_points(width))
         self.recording.log(entity, lines, static=True)
 
     def text(self, entity: str, text: str, *, markdown: bool = False) -> None:
-        """A document."""
+        """A text document."""
         media_type = "text/markdown" if markdown else "text/plain"
         self.recording.log(entity, rr.TextDocument(text, media_type=media_type), static=True)

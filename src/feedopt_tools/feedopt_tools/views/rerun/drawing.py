@@ -66,7 +66,7 @@ class _Drawing:
         measured, commanded = quantity.measured, quantity.commanded
         colour = axis_colour(axis)
         if measured is not None:
-            # Rerun draws curves in the order of their names: the prediction must come last.
+            # Rerun draws curves in the order of their names; the prediction must be drawn last.
             self.curves.curve(f"{path}/actual", self.at_states, measured[:, axis], "simulated", colour)
         if commanded is not None:
             name, own = ("predicted", PREDICTED) if quantity.key in _MODELLED else ("commanded", colour)
@@ -109,7 +109,7 @@ class _Drawing:
         chunks = self.signals.run.chunks
         if not chunks:
             return
-        # Each chunk holds until the next one takes over, the last one to the end of its committed part.
+        # Each chunk is valid until the next one takes over, the last one until the end of its committed part.
         held = [*chunks, chunks[-1]]
         t_s = np.array([*(chunk.t_start_s for chunk in chunks), chunks[-1].t_commit_s])
         s_mm = np.array([*(chunk.s_start_mm for chunk in chunks), chunks[-1].s_commit_mm])
@@ -119,10 +119,10 @@ class _Drawing:
         rows = (
             ("planner/solve", "solve, ms", [1e3 * chunk.figures.solve_time_s for chunk in held], axis_colour(2)),
             ("planner/audit", "audit, ms", [1e3 * chunk.figures.audit_time_s for chunk in held], axis_colour(5)),
-            ("planner_share/share", "computing over motion, %", shares, axis_colour(4)),
+            ("planner_share/share", "computing time / motion time, %", shares, axis_colour(4)),
             ("certificate/ratio", "closest limit, %", [100 * c.certificate.worst_ratio for c in held], axis_colour(3)),
             ("windows/commit", "committed to, mm", [chunk.s_commit_mm for chunk in held], axis_colour(1)),
-            ("windows/stop", "would rest at, mm", [chunk.s_stop_mm for chunk in held], axis_colour(0)),
+            ("windows/stop", "stop at, mm", [chunk.s_stop_mm for chunk in held], axis_colour(0)),
         )
         at = times(t_s, s_mm)
         for path, name, values, colour in rows:

@@ -1,4 +1,4 @@
-"""How the views of a run are laid out: what a motion engineer looks at first is seen first."""
+"""Layout of the views of a run in Rerun, the most important first."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def run_layout(scene: RunScene, page: Page = MOTION, over: str = "time") -> rrb.
     """The path in its colourings and the figures on the left, the pages on the right.
 
     Args:
-        scene: what is shown.
-        page: the one in front.
-        over: ``time`` or ``arc-length``: what the curves are drawn over.
+        scene: the run.
+        page: the page shown first.
+        over: horizontal axis of the curves, ``time`` or ``arc-length``.
     """
     run = scene.signals.run
     paths = _paths(scene)
@@ -57,7 +57,7 @@ def run_layout(scene: RunScene, page: Page = MOTION, over: str = "time") -> rrb.
 
 
 def blueprint(root: rrb.Container, over: str) -> rrb.Blueprint:
-    """A layout with every panel but the time line folded away."""
+    """A layout with all panels collapsed except the time line."""
     return rrb.Blueprint(
         root,
         rrb.BlueprintPanel(state="collapsed"),
@@ -81,7 +81,7 @@ def _paths(scene: RunScene) -> dict[str, rrb.Spatial3DView]:
 
 
 def path_view(name: str, contents: list[str], eye: rrb.EyeControls3D) -> rrb.Spatial3DView:
-    """A view in space, from one eye for all paths of a run."""
+    """A 3D view; all paths of a run have the same point of view."""
     return rrb.Spatial3DView(
         origin="/", contents=contents, name=name, background=GROUND, line_grid=False, eye_controls=eye
     )
@@ -96,7 +96,7 @@ class _Pages:
         self.x_axis = x_axis(over, float(scene.signals.s_mm[-1]))
 
     def all(self) -> dict[Page, rrb.Container]:
-        """Every page that this run has something for."""
+        """Every page for which this run has data."""
         makers: dict[Page, Callable[[], rrb.Container]] = {
             MOTION: self._motion,
             ACTIVE_LIMIT: self._active_limit,
@@ -115,7 +115,7 @@ class _Pages:
     def _motion(self) -> rrb.Vertical:
         error, control = (self.signals.quantities[key] for key in ("tracking_error", "control_signal"))
         rows = [self._axis_views(quantity) for quantity in (error, control) if quantity.drawn]
-        # Told in the title: a legend would cover what it explains.
+        # The title explains the colour, because a legend would cover the curves.
         compared = any(row.commanded is not None and row.measured is not None for row in (error, control))
         name = f"{MOTION.title} (white: predicted)" if compared else MOTION.title
         return rrb.Vertical(self._feed(), *rows, name=name)
@@ -141,7 +141,7 @@ class _Pages:
             for place in places
         ]
         lane = rrb.StateTimelineView(
-            origin="active", name="The limit that binds (grey: none above 95 %)", time_view=self.x_axis
+            origin="active", name="Active limit (grey: none above 95 %)", time_view=self.x_axis
         )
         return rrb.Vertical(lane, *rows, self._feed(), row_shares=[0.8, *[2] * len(rows), 1.4], name=ACTIVE_LIMIT.title)
 
@@ -160,11 +160,11 @@ class _Pages:
         )
 
     def _planner(self) -> rrb.Vertical:
-        windows = "Windows: committed to, would come to rest at, and the motion, mm"
+        windows = "Windows: end of the committed part, stop, and motion, mm"
         views = [
             self._plot("windows", windows, rrb.Corner2D.LeftTop),
-            self._plot("planner", "Computing of each window, ms", rrb.Corner2D.RightTop),
-            self._plot("planner_share", "Computing over the motion it commits, %"),
+            self._plot("planner", "Computing time of each window, ms", rrb.Corner2D.RightTop),
+            self._plot("planner_share", "Computing time / committed motion time, %"),
         ]
         if self.scene.reserve is not None:
             views.append(self._plot("reserve", "Plan ahead of the motion, s"))
@@ -195,7 +195,7 @@ class _Pages:
 
 
 def x_axis(over: str, end_mm: float) -> rrb.TimeAxis | None:
-    """The whole path where curves are drawn over arc length, whose plots would open on a piece of it."""
+    """Axis over the whole path for curves over arc length; without it the plots open on a part of the path."""
     if over == "time":
         return None
     boundary = rrb.TimeRangeBoundary.absolute
@@ -214,12 +214,12 @@ def _finite(value: float) -> float:
 
 
 def eye_over(tool_mm: FloatArray) -> rrb.EyeControls3D:
-    """From above and the front; straight down where the path is flat, so that it reads as a drawing."""
+    """Point of view from above and the front; for a flat path from above, as in a drawing."""
     low, high = tool_mm.min(axis=0), tool_mm.max(axis=0)
     middle, size = (low + high) / 2.0, high - low
     flat = size[2] < 0.02 * max(size[0], size[1])
     direction = np.array([0.0, 0.0, 1.0]) if flat else np.array([0.35, -0.8, 0.75])
-    # The eye opens a little more than 50 degrees from bottom to top, in a view a third wider than high.
+    # The vertical field of view is slightly above 50 degrees; the view is a third wider than high.
     extent = max(size[0] / _VIEW_ASPECT, size[1]) if flat else 0.8 * float(np.linalg.norm(size))
     eye = middle + _EYE_DISTANCE * max(extent, 1.0) * direction / np.linalg.norm(direction)
     return rrb.EyeControls3D(position=eye, look_target=middle, eye_up=(0.0, 1.0, 0.0) if flat else (0.0, 0.0, 1.0))

@@ -15,7 +15,7 @@ _TOOL_EVERY = 10
 
 
 def draw_paths(curves: Curves, scene: RunScene) -> None:
-    """Every colouring below ``paths/``, the contour below ``contour/``, the tool on its way."""
+    """Draw every colouring below ``paths/``, the contour below ``contour/``, and the moving tool."""
     signals, recording = scene.signals, curves.recording
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for colouring in path_colourings(scene):
@@ -27,7 +27,7 @@ def draw_paths(curves: Curves, scene: RunScene) -> None:
 
 
 def draw_tool(curves: Curves, entity: str, scene: RunScene) -> None:
-    """The tool where it is commanded to be, on both time lines."""
+    """Draw the commanded position of the tool on both time lines."""
     signals, recording = scene.signals, curves.recording
     rows = np.arange(0, len(signals.t_s), _TOOL_EVERY)
     style = rr.Points3D.from_fields(colors=[(255, 255, 255)], radii=rr.Radius.ui_points(6.0))
@@ -37,13 +37,13 @@ def draw_tool(curves: Curves, entity: str, scene: RunScene) -> None:
 
 
 def _draw_contour(curves: Curves, scene: RunScene) -> None:
-    """Programmed, smoothed (as commanded) and actual path, the last with its error exaggerated."""
+    """Draw the programmed, the smoothed (commanded) and the actual path, the last with enlarged error."""
     programmed = list(zip(scene.programmed.strips, scene.programmed.rapid, strict=True))
     for kind, colour, wanted in (("programmed", PROGRAMMED, False), ("rapids", RAPID, True)):
         strips = [strip for strip, rapid in programmed if rapid == wanted]
         if strips:
             curves.path(f"contour/{kind}", strips, np.array([colour], dtype=np.uint8), 1.0)
-            # The points themselves show where smoothing may leave the straight lines between them.
+            # The points show where the smoothed path is allowed to leave the straight lines between them.
             points = rr.Points3D(np.vstack(strips), colors=[colour], radii=rr.Radius.ui_points(2.0))
             curves.recording.log(f"contour/{kind}/points", points, static=True)
     signals = scene.signals

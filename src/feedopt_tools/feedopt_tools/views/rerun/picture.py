@@ -1,4 +1,4 @@
-"""Pictures drawn by the Rerun viewer itself, without a display: it needs a Vulkan driver, of software or hardware."""
+"""Pictures drawn by the Rerun viewer without a display; it needs a Vulkan driver in software or hardware."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from feedopt_tools.views.small_png import small_png
 WIDTH, HEIGHT = 1600, 900
 _START_S = 20.0
 _SETTLE_S = 20.0
-# How long the viewer's own messages cover the views.
+# Time for which messages of the viewer cover the views.
 _QUIET_S = 5.0
 _POLL_S = 0.25
 
 
 @dataclass(frozen=True)
 class ViewFailure:
-    """A view that could not show what it was given."""
+    """A view that could not show its data."""
 
     view: str
     severity: str
@@ -39,7 +39,7 @@ class ViewFailure:
 
 @dataclass(frozen=True)
 class Cursor:
-    """Where the time cursor stands: on the time line of motion time, or of arc length."""
+    """Position of the time cursor, on the time line of motion time or of arc length."""
 
     over: str
     t_s: float
@@ -52,10 +52,10 @@ def draw_by_rerun(recording: Path, picture: Path, cursor: Cursor) -> tuple[ViewF
     Args:
         recording: an ``.rrd`` file with its layout.
         picture: the PNG to write, 1600 x 900.
-        cursor: where the time cursor stands.
+        cursor: position of the time cursor.
 
     Returns:
-        What the views could not draw.
+        The views that could not show their data.
 
     Raises:
         ViewError: the viewer does not start (no Vulkan driver, no rerun), or does not finish loading.
@@ -80,7 +80,7 @@ def draw_by_rerun(recording: Path, picture: Path, cursor: Cursor) -> tuple[ViewF
 
 @contextmanager
 def _viewer() -> Iterator[ViewerClient]:
-    """A viewer of its own on a port of this machine alone, its settings in a folder that is thrown away."""
+    """A separate viewer on a local port, with its settings in a temporary folder."""
     port = _free_port()
     command = [sys.executable, "-m", "rerun", "--headless", "--hide-welcome-screen", "--bind", "127.0.0.1"]
     command += ["--port", str(port), "--window-size", f"{WIDTH}x{HEIGHT}"]
@@ -94,11 +94,11 @@ def _viewer() -> Iterator[ViewerClient]:
             lines = log.read().decode(errors="replace").splitlines()
             cause = next((line.strip() for line in lines if "panicked" in line), str(error))
             raise ViewError(
-                f"the Rerun viewer does not draw here: {cause}; it needs a Vulkan driver "
+                f"the Rerun viewer cannot draw on this computer: {cause}; it needs a Vulkan driver "
                 "(Debian: apt install mesa-vulkan-drivers libvulkan1)"
             ) from error
         finally:
-            # The command starts the viewer as a process of its own: end both.
+            # The command starts the viewer as a child process: end both.
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
@@ -112,7 +112,7 @@ def _connected(process: subprocess.Popen[bytes], url: str) -> ViewerClient:
             client.get_state()
         except ConnectionError:
             if process.poll() is not None:
-                raise ConnectionError("it ended at once") from None
+                raise ConnectionError("it ended immediately") from None
             if time.monotonic() > deadline_s:
                 raise
             time.sleep(_POLL_S)
@@ -121,7 +121,7 @@ def _connected(process: subprocess.Popen[bytes], url: str) -> ViewerClient:
 
 
 def _settled(client: ViewerClient) -> bytes:
-    """The picture once everything is loaded and nothing has moved for as long as the viewer's messages stay."""
+    """The picture after loading, when it has not changed for the time that messages of the viewer stay visible."""
     start_s = quiet_since_s = time.monotonic()
     image = b""
     while time.monotonic() - start_s < _SETTLE_S:

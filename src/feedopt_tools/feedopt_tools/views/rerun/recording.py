@@ -1,4 +1,4 @@
-"""A run as a Rerun recording: every curve on one time line, its layout inside the file."""
+"""A run as a Rerun recording that contains its layout."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def save_recording(run: RunData, path: Path) -> RunScene:
     """Write a run as an ``.rrd`` file that opens with its layout.
 
     Args:
-        run: what was recorded.
+        run: the recorded run.
         path: the file to write.
 
     Returns:
-        What was drawn.
+        The scene that was drawn.
 
     Raises:
-        ViewError: there is nothing to draw, or the file cannot be written.
+        ViewError: the run has nothing to draw, or the file cannot be written.
     """
     scene = scene_of(run)
     save_scene(scene, path)

@@ -1,4 +1,4 @@
-"""A program and its smoothed path as a Rerun recording, its layout inside the file."""
+"""A program and its smoothed path as a Rerun recording that contains its layout."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ OVER = "arc-length"
 
 
 def save_survey(scene: SurveyScene, path: Path) -> None:
-    """Write an ``.rrd`` file that opens with its layout. Raises ViewError: it cannot be written."""
+    """Write an ``.rrd`` file that opens with its layout. Raises ViewError if it cannot be written."""
     write_recording(path, scene.name, survey_layout(scene), lambda recording: draw_survey(recording, scene))
 
 
 def draw_survey(recording: rr.RecordingStream, scene: SurveyScene) -> None:
-    """Write everything of a program into a recording."""
+    """Write all entities of a program into a recording."""
     curves = Curves(recording)
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     programmed = list(zip(scene.programmed.strips, scene.programmed.rapid, strict=True))
@@ -37,7 +37,7 @@ def draw_survey(recording: rr.RecordingStream, scene: SurveyScene) -> None:
     curves.path("paths/smoothed", scene.strips_mm, np.array([FEED], dtype=np.uint8), 1.6)
     recording.log("start", rr.Points3D(scene.path_mm[:1], colors=[PATH], radii=rr.Radius.ui_points(4.0)), static=True)
     _draw_tool(curves, scene)
-    # Curvatures lie decades apart: the colours follow the fourth root.
+    # Curvatures extend over several decades, so the colours follow their fourth root.
     peaks = scene.peak_per_mm**0.25
     curves.path("curvature_path", scene.strips_mm, feed_colours(peaks, max(float(np.max(peaks)), 1e-9)))
     if scene.deviation is not None:
@@ -68,7 +68,7 @@ def survey_layout(scene: SurveyScene) -> rrb.Blueprint:
     ]
     if scene.deviation is not None:
         top = 1.15e3 * float(np.max(scene.deviation.tolerance_mm))
-        title = "Deviation of the smoothed from the programmed path and its tolerance, µm"
+        title = "Deviation between smoothed and programmed path, and its tolerance, µm"
         views.insert(
             0,
             rrb.TimeSeriesView(
@@ -87,7 +87,7 @@ def survey_layout(scene: SurveyScene) -> rrb.Blueprint:
 
 
 def _draw_tool(curves: Curves, scene: SurveyScene) -> None:
-    """A point on the path that follows the cursor, at the start of each segment."""
+    """Draw a point on the path that follows the cursor, at the start of each segment."""
     style = rr.Points3D.from_fields(colors=[(255, 255, 255)], radii=rr.Radius.ui_points(6.0))
     curves.recording.log("tool", style, static=True)
     at = [along_path(scene.segment_s_mm[:-1])]

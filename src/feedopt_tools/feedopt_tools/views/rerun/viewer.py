@@ -18,12 +18,12 @@ from feedopt_tools.errors import ViewError
 
 @dataclass(frozen=True)
 class OpenedView:
-    """What was done to look at a recording.
+    """Result of opening a recording.
 
     Attributes:
         recording: the ``.rrd`` file.
-        viewer_pid: process of the viewer; None where there is no display.
-        hint: how to look at it where there is no display; else empty.
+        viewer_pid: process id of the viewer; None without a display.
+        hint: without a display, how to open the recording; else empty.
     """
 
     recording: Path
@@ -32,10 +32,10 @@ class OpenedView:
 
 
 def open_viewer(recording: Path) -> OpenedView:
-    """Show an ``.rrd`` file in a viewer that outlives this process.
+    """Show an ``.rrd`` file in a viewer that stays open after this process.
 
     Raises:
-        ViewError: there is no such file.
+        ViewError: the file does not exist.
     """
     _check(recording)
     if not has_display():
@@ -49,23 +49,23 @@ def open_viewer(recording: Path) -> OpenedView:
 
 @dataclass(frozen=True)
 class WebView:
-    """A recording served to browsers of this machine until the process ends."""
+    """A recording served to browsers on this computer until the process ends."""
 
     process: subprocess.Popen[bytes]
     url: str
 
     def close(self) -> None:
-        """End the server. The command starts it as a process of its own: both are ended."""
+        """End the command and the server, which is its child process."""
         with suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGTERM)
         self.process.wait()
 
 
 def serve_web(recording: Path) -> WebView:
-    """Serve an ``.rrd`` file to browsers of this machine, and open one where there is a display.
+    """Serve an ``.rrd`` file to browsers on this computer; with a display, open a browser.
 
     Raises:
-        ViewError: there is no such file.
+        ViewError: the file does not exist.
     """
     _check(recording)
     port, web_port = _free_port(), _free_port()
@@ -82,19 +82,19 @@ def serve_web(recording: Path) -> WebView:
 
 
 def has_display() -> bool:
-    """Whether a window can be opened here."""
+    """Whether a window can be opened on this computer."""
     return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def _check(recording: Path) -> None:
     if not recording.is_file():
-        raise ViewError(f"{recording}: no such recording")
+        raise ViewError(f"{recording}: this recording does not exist")
 
 
 def _hint(recording: Path) -> str:
     return (
-        f"no display here. Copy {recording} to a machine with one and open it with: rerun {recording.name}; "
-        f"or serve it to a browser from here: ./feedopt view {recording} --web; or draw it with --screenshot FILE.png"
+        f"no display. Copy {recording} to a computer with a display and open it with: rerun {recording.name}; "
+        f"or serve it to a browser: ./feedopt view {recording} --web; or draw it with --screenshot FILE.png"
     )
 
 
