@@ -87,7 +87,7 @@ class BagWriter:
         definitions = {topic.type: schemas.schema(topic.type) for topic in topics}
         self._reserve, self._stream = self._create()
         try:
-            self._writer = McapWriter(self._stream, f"feedopt_tools {package_version()}")
+            self._writer = McapWriter(self._stream, f"feedopt_recorder {package_version()}")
             for name, values in (provenance or {}).items():
                 self._writer.add_metadata(name, dict(values))
         except OSError as error:

@@ -95,7 +95,7 @@ def bag_information(bag: BagEntry) -> dict[str, Any]:
                 "message_count": count,
             }
         ],
-        "custom_data": {"writer": f"feedopt_tools {package_version()}"},
+        "custom_data": {"writer": f"feedopt_recorder {package_version()}"},
         "ros_distro": "jazzy",
     }
 
@@ -170,8 +170,8 @@ def metadata_findings(directory: Path, counts: Mapping[str, int]) -> list[str]:
 
 
 def package_version() -> str:
-    """Version of the installed tools; ``source`` where they run from the source tree."""
-    for name in ("feedopt-tools", "feedopt_tools"):
+    """Version of the installed recorder; ``source`` if it runs from the source tree."""
+    for name in ("feedopt-recorder", "feedopt_recorder"):
         try:
             return version(name)
         except PackageNotFoundError:
