@@ -1,5 +1,5 @@
 # shellcheck shell=bash
-# Sourced by ./feedopt when .venv or the build is missing or out of date: makes both, once at a time.
+# Sourced by ./feedopt if .venv or the build is missing or out of date: makes both; only one process at a time.
 # shellcheck disable=SC2154  # root, venv, ready_stamp, built_stamp, built_manifest, ros_origin and the functions are ./feedopt's
 
 setup_log=$root/log/setup.log
@@ -10,7 +10,7 @@ say() {
     printf 'feedopt: %s\n' "$*" >&2
 }
 
-# Runs a command with its output in the log, and tells what it does and for how long.
+# Runs a command with its output in the log, and prints its title and duration.
 step() { # TITLE COMMAND...
     local title=$1 started=$SECONDS status=0
     shift
@@ -55,10 +55,10 @@ tick() { # TITLE
 
 prepare_workspace() {
     { mkdir -p -- "$root/log" && : >>"$root/log/setup.lock"; } 2>/dev/null ||
-        die "cannot write to $root, where .venv and the build belong"
+        die "cannot write to $root, the folder for .venv and the build"
     exec 9>"$root/log/setup.lock"
     if ! flock --nonblock 9; then
-        say 'another ./feedopt is setting this workspace up; waiting for it'
+        say 'waiting for another ./feedopt that is preparing this workspace'
         flock 9
     fi
     trap stop_ticker EXIT
@@ -83,14 +83,14 @@ make_venv() {
     choose_extras
     require_system_packages
     if [[ ! -d $venv ]]; then
-        say 'the first use makes .venv (1.8 GB; 1.0 GB with FEEDOPT_EXTRAS=none) and builds the workspace; that takes about two minutes'
+        say 'the first use makes .venv (1.8 GB; 1.0 GB with FEEDOPT_EXTRAS=none) and builds the workspace; this takes about two minutes'
     fi
     rm -rf -- "$venv"
     if [[ $ros_origin != wheels ]]; then
         options=(--system-site-packages)
     fi
     step "making .venv with $("$python" --version)" "$python" -m venv "${options[@]}" "$venv"
-    # Before all that may fail: the next try makes the same.
+    # Written before any step that can fail, so that the next attempt makes the same .venv.
     printf '%s\n' "$extras" >"$venv/feedopt-extras"
     step 'installing uv' "$venv/bin/python" -m pip install --disable-pip-version-check -r "$root/requirements/uv.txt"
     step 'installing the Python packages' install_requirements
@@ -98,13 +98,13 @@ make_venv() {
     venv_recipe >"$ready_stamp"
 }
 
-# Sets python: $FEEDOPT_PYTHON, or what belongs to the sourced ROS 2, or the first that the wheels exist for.
+# Sets python: $FEEDOPT_PYTHON, or the Python of the sourced ROS 2, or the first version for which the wheels exist.
 choose_python() {
     local candidates=(python3.12 python3.11 python3) fits='import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))'
     if [[ $ros_origin != wheels ]]; then
         candidates=(python3) fits='import rclpy'
     elif [[ $(uname -sm) != 'Linux x86_64' ]]; then
-        die 'ROS 2 is on PyPI for Linux on x86-64 only; here, install ROS 2 Jazzy and source its setup.bash first'
+        die 'PyPI has ROS 2 for Linux on x86-64 only; on this computer, install ROS 2 Jazzy and source its setup.bash first'
     fi
     for python in ${FEEDOPT_PYTHON:-"${candidates[@]}"}; do
         if "$python" -c "$fits" >/dev/null 2>&1; then
@@ -120,7 +120,7 @@ choose_python() {
         'or name one that is not in PATH: FEEDOPT_PYTHON=/path/to/python3.12 ./feedopt'
 }
 
-# Sets extras: $FEEDOPT_EXTRAS, or what .venv was made with before, or what a desktop and the tests need.
+# Sets extras: $FEEDOPT_EXTRAS, or the extras of the existing .venv, or those for a desktop and the tests.
 choose_extras() {
     extras=view,test
     if [[ -n ${FEEDOPT_EXTRAS:-} ]]; then
@@ -170,7 +170,7 @@ install_requirements() {
     for name in "${files[@]}"; do
         set -- "$@" --requirement "$root/requirements/$name.txt"
     done
-    # pip knows mirrors and certificates from its own configuration that uv does not.
+    # uv does not read the mirrors and certificates in the configuration of pip.
     "$venv/bin/uv" pip install --python "$venv/bin/python" "$@" || "$venv/bin/python" -m pip install "$@"
 }
 
@@ -188,7 +188,7 @@ build_workspace() {
         rm -rf -- "$root/build" "$root/install"
     fi
     mkdir -p -- "$root/build" "$root/install"
-    # The build counts from here: what changes while it runs has to be built again.
+    # State of the sources before the build: files that change during the build are built again.
     build_recipe >"$building_marker"
     now=$(built_sources)
     forget_vanished_sources
@@ -196,7 +196,7 @@ build_workspace() {
     if [[ ${#packages[@]} -gt 0 ]]; then
         title="building ${packages[*]}"
         [[ ${#packages[@]} -le 2 ]] || title='building the workspace'
-        # A renamed executable would live on, and colcon writes them all anew.
+        # A renamed executable would remain; colcon writes all executables again.
         rm -rf -- "${packages[@]/#/$root/install/lib/}"
         step "$title" colcon_build "${packages[@]}"
     fi
@@ -205,7 +205,7 @@ build_workspace() {
     mv -- "$building_marker" "$built_stamp"
 }
 
-# What it finds on disk it only loads. A later edit of a Python module is compiled by the first command that needs it.
+# Code compiled earlier is only loaded. After an edit of a Python module, the first command that needs it compiles it.
 compile_kernels() {
     (
         enter_environment
@@ -213,7 +213,7 @@ compile_kernels() {
     )
 }
 
-# What was made from a file that is gone would live on: drop all that its package has built and installed.
+# Results of a deleted file would remain: delete everything that its package has built and installed.
 forget_vanished_sources() {
     local source package
     [[ -f $built_manifest ]] || return 0
@@ -227,11 +227,11 @@ forget_vanished_sources() {
     find "$root/install" -xtype l -delete
 }
 
-# Names of the packages that have a file which is new, gone or different since the last build; all before the first.
+# Names of the packages with a file that was added, deleted or changed since the last build; before the first, all.
 changed_packages() { # <SOURCES
     local before=/dev/null description folder changed
     [[ ! -f $built_manifest ]] || before=$built_manifest
-    # Lines that are in one of both alone, without the hash.
+    # Lines that are in only one of the two lists, without the hash.
     mapfile -t changed < <(LC_ALL=C comm -3 <(LC_ALL=C sort -- "$before") <(LC_ALL=C sort) | sed 's/^\t*[0-9a-f]*  //')
     for description in "$root"/config/package.xml "$root"/src/*/package.xml; do
         folder=$(dirname -- "${description#"$root"/}")
