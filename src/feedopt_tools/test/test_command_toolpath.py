@@ -52,6 +52,19 @@ def test_dash_is_standard_output(program: Path, tmp_path: Path, monkeypatch: pyt
     assert not (tmp_path / "-").exists()
 
 
+@pytest.mark.parametrize("options", [("--save", "q.rrd"), ("--screenshot", "q.png"), ("--view", "--save", "q.rrd")])
+def test_files_are_named_on_standard_error_beside_figures_on_standard_output(
+    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...]
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.chdir(tmp_path)
+    result = called(program, "--json", "-", *options)
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["corners"] == 2
+    assert options[-1] in result.stderr and Path(options[-1]).is_file()
+
+
 def test_straight_program_gives_valid_json(tmp_path: Path) -> None:
     path, report = tmp_path / "line.json", tmp_path / "figures.json"
     path.write_text('{"curves": [{"degree": 1, "knots": [0, 0, 1, 1], "control_points_mm": [[0, 0], [9, 0]]}]}')

@@ -57,14 +57,15 @@ def command(
     transitions = LayerTransitions.requested(transition_reach_mm, transition_side)
     survey = survey_program(program, load_machine(machine).dimensions if machine else None, tolerance_mm, transitions)
     figures = survey_figures(survey)
-    _show_figures(figures, to_stderr=is_standard_output(report))
+    to_stderr = is_standard_output(report)
+    _show_figures(figures, to_stderr=to_stderr)
     if report is not None:
         with text_output(report) as file:
             file.write(json.dumps(figures_document(figures), indent=1) + "\n")
     if view or save is not None or screenshot is not None:
         from feedopt_tools.views.signals.survey_scene import survey_scene
 
-        _show(survey_scene(program.name, survey), view=view, save=save, screenshot=screenshot)
+        _show(survey_scene(program.name, survey), view=view, save=save, screenshot=screenshot, to_stderr=to_stderr)
     sys.exit(OK if survey.deviation is None or survey.deviation.holds else FAILURE)
 
 
@@ -85,14 +86,15 @@ def _show_figures(figures: SurveyFigures, *, to_stderr: bool) -> None:
     Console(stderr=to_stderr).print(table, highlight=False)
 
 
-def _show(scene: SurveyScene, *, view: bool, save: Path | None, screenshot: Path | None) -> None:
+def _show(scene: SurveyScene, *, view: bool, save: Path | None, screenshot: Path | None, to_stderr: bool) -> None:
     from feedopt_tools.views.picture import draw_survey_picture
     from feedopt_tools.views.rerun.survey_recording import save_survey
     from feedopt_tools.views.rerun.viewer import open_viewer
 
     if screenshot is not None:
         picture = draw_survey_picture(scene, screenshot)
-        click.echo(f"{picture.path} drawn by {picture.drawn_by}" + (f" ({picture.reason})" if picture.reason else ""))
+        reason = f" ({picture.reason})" if picture.reason else ""
+        click.echo(f"{picture.path} drawn by {picture.drawn_by}{reason}", err=to_stderr)
     if save is None and not view:
         return
     # The viewer reads the file after this command has ended.
@@ -100,6 +102,6 @@ def _show(scene: SurveyScene, *, view: bool, save: Path | None, screenshot: Path
     save_survey(scene, recording)
     if view:
         opened = open_viewer(recording)
-        click.echo(opened.hint or f"{recording} is open in the viewer")
+        click.echo(opened.hint or f"{recording} is open in the viewer", err=to_stderr)
     else:
-        click.echo(str(recording))
+        click.echo(str(recording), err=to_stderr)
