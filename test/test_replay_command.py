@@ -100,6 +100,20 @@ def test_one_lost_message_is_a_difference(edited: Edited, tmp_path: Path, topic:
     assert f"{len(rows) - 1} messages recorded" in result.output
 
 
+def test_differences_on_standard_output(edited: Edited, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The list and nothing else: the same bytes as in a file, the short lines on standard error."""
+    del edited.messages[next(row for row, message in enumerate(edited.messages) if message[0] == "/axis_state")]
+    bag = edited.write(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    in_file = call(bag, "--diff", "differences.txt")
+    result = call(bag, "--diff", "-")
+    assert result.exit_code == in_file.exit_code == 1, result.output
+    assert result.stdout_bytes == Path("differences.txt").read_bytes()
+    assert result.stdout.startswith(f"{bag}: DIFFERS\n") and "/axis_setpoint" in result.stdout
+    assert result.stderr == in_file.stdout and "first in stage" in result.stderr
+    assert not Path("-").exists()
+
+
 def test_several_programs_are_refused(edited: Edited, tmp_path: Path) -> None:
     topic, payload, log_ns = next(row for row in edited.messages if row[0] == "/axis_setpoint")
     edited.messages.append((topic, payload[:12] + struct.pack("<I", 9) + payload[16:], log_ns))

@@ -10,7 +10,7 @@ import click
 
 from feedopt_core.errors import ConfigError
 from feedopt_tools.command.exit_codes import FAILURE, OK
-from feedopt_tools.command.text_output import TEXT_OUTPUT, text_output
+from feedopt_tools.command.text_output import TEXT_OUTPUT, is_standard_output, text_output
 from feedopt_tools.command.workspace import workspace_root
 from feedopt_tools.replay.golden import checked_tolerances, chosen_bags, golden_entry
 from feedopt_tools.replay.replay import Replay, long_text, replay_bag, short_text
@@ -36,17 +36,18 @@ def command(bags: tuple[Path, ...], diff: Path | None, live: bool, update: bool)
             raise click.UsageError("--update cannot be combined with --live or --diff")
         _update(chosen)
         return
-    replays = [_replayed(path, live=live) for path in chosen]
+    to_stderr = is_standard_output(diff)
+    replays = [_replayed(path, live=live, to_stderr=to_stderr) for path in chosen]
     if diff is not None:
         with text_output(diff) as file:
             file.write("\n".join(line for replay in replays for line in long_text(replay)) + "\n")
     differing = [replay for replay in replays if not replay.agrees]
     if len(replays) > 1:
-        click.echo(f"{len(replays) - len(differing)} of {len(replays)} bags agree")
+        click.echo(f"{len(replays) - len(differing)} of {len(replays)} bags agree", err=to_stderr)
     sys.exit(FAILURE if differing else OK)
 
 
-def _replayed(path: Path, *, live: bool) -> Replay:
+def _replayed(path: Path, *, live: bool, to_stderr: bool) -> Replay:
     tolerances = checked_tolerances(path)
     if live:
         from feedopt_tools.replay.live import record_again
@@ -59,7 +60,7 @@ def _replayed(path: Path, *, live: bool) -> Replay:
     else:
         replay = replay_bag(path, tolerances)
     for line in short_text(replay):
-        click.echo(line)
+        click.echo(line, err=to_stderr)
     return replay
 
 
