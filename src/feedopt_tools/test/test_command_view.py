@@ -179,6 +179,20 @@ def test_report_is_one_whole_page_that_needs_nothing_else(bag: Path, tmp_path: P
         assert said in text
 
 
+def test_report_on_standard_output(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing but the page is written there: the line about it goes to standard error."""
+    monkeypatch.chdir(tmp_path)
+    result = called("report", bag, "--out", "-")
+    assert result.exit_code == 0, result.output
+    assert result.stdout.startswith("<!") and result.stdout.rstrip().endswith("</html>")
+    page = _Page()
+    page.feed(result.stdout)
+    page.close()
+    assert page.open == [] and page.pictures == len(PAGES)
+    assert result.stderr == f"-: {len(result.stdout_bytes) / 1024:.0f} KiB\n"
+    assert not list(tmp_path.iterdir())
+
+
 def test_report_escapes_what_the_bag_says() -> None:
     assert html_parts.pairs([("<b>", 'a "&" b')]).count("&lt;b&gt;") == 1
     assert "<script>" not in html_parts.document("x", [html_parts.folded("y", "<script>")])

@@ -229,6 +229,42 @@ def test_bag_is_exported_to_tables_that_agree(bag: Path, run: RunData, tmp_path:
     assert made.t_s[0] == 0.0 and made.feedrate_mm_s[0] == 0.0
 
 
+@pytest.mark.parametrize(
+    ("kind", "begin", "said"),
+    [
+        ("gcode", "(feedopt: ", "read back"),
+        ("csv", "t_s,s_mm,", "set points"),
+        ("joint-trajectory", "header:", "points"),
+        ("states", "t_s,tick,", "states"),
+    ],
+)
+def test_dash_is_standard_output(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, begin: str, said: str
+) -> None:
+    """It gets the bytes of the file and nothing else: the line about them goes to standard error."""
+    monkeypatch.chdir(tmp_path)
+    # Segments of the made-up bag turn by a microradian at their joint: no G-code is written for it.
+    Path("part.csv").write_text("0,0\n10,2\n20,0\n30,8\n")
+    source = "part.csv" if kind == "gcode" else str(bag)
+    exported(source, "--format", kind, "--out", "file")
+    result = CliRunner().invoke(main, ["export", source, "--format", kind, "--out", "-"])
+    assert result.exit_code == 0, result.output
+    assert result.stdout_bytes == Path("file").read_bytes() and begin in result.stdout.partition("\n")[0]
+    assert result.stderr.startswith("-: ") and said in result.stderr
+    assert not Path("-").exists()
+
+
+@pytest.mark.parametrize("kind", ["npz", "parquet"])
+def test_binary_formats_refuse_standard_output(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(main, ["export", str(bag), "--format", kind, "--out", "-"])
+    assert result.exit_code == 2 and result.stdout == ""
+    assert f"--format {kind} is binary" in result.stderr and "--out FILE, or --format csv" in result.stderr
+    assert not list(tmp_path.iterdir())
+
+
 def test_states_of_a_bag_are_a_table(bag: Path, run: RunData, tmp_path: Path) -> None:
     exported(bag, "--format", "states", "--out", tmp_path / "states.csv")
     rows = np.genfromtxt(tmp_path / "states.csv", delimiter=",", names=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TextIO, cast
 
@@ -15,6 +15,11 @@ TEXT_OUTPUT = click.Path(path_type=Path, dir_okay=False, allow_dash=True)
 """Type of an option that names a text file to write."""
 
 
+def open_text(path: Path) -> AbstractContextManager[TextIO]:
+    """As :func:`text_output`, for commands that have an error of their own. Raises OSError."""
+    return cast("AbstractContextManager[TextIO]", click.open_file(str(path), "w", encoding="utf-8"))
+
+
 @contextmanager
 def text_output(path: Path) -> Iterator[TextIO]:
     """Open the file for writing, or give standard output.
@@ -23,8 +28,8 @@ def text_output(path: Path) -> Iterator[TextIO]:
         ConfigError: the file cannot be written.
     """
     try:
-        with click.open_file(str(path), "w", encoding="utf-8") as file:
-            yield cast("TextIO", file)
+        with open_text(path) as file:
+            yield file
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
 

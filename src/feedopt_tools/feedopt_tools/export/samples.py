@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -73,12 +74,11 @@ def state_table(run: RunData) -> Table:
     return table
 
 
-def write_csv(path: Path, table: Table) -> None:
+def write_csv(file: TextIO, table: Table) -> None:
     """Write a table with 15 significant digits. Raises OSError."""
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        np.savetxt(
-            file, np.column_stack(list(table.values())), fmt="%.15g", delimiter=",", header=",".join(table), comments=""
-        )
+    np.savetxt(
+        file, np.column_stack(list(table.values())), fmt="%.15g", delimiter=",", header=",".join(table), comments=""
+    )
 
 
 def write_npz(path: Path, table: Table) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TextIO
 
 import click
 
@@ -14,6 +15,7 @@ from feedopt_recorder.bags.read_bag import read_bag
 from feedopt_recorder.bags.run_data import RunData
 from feedopt_recorder.run_folder import BAG_NAME, bag_of
 from feedopt_tools.command.options import machine_option, method_option, planner_parameters, tolerance_option
+from feedopt_tools.command.text_output import TEXT_OUTPUT, is_standard_output, open_text
 from feedopt_tools.errors import ExportError
 from feedopt_tools.export.gcode import GcodeSettings, write_gcode
 from feedopt_tools.export.joint_trajectory import joint_trajectory_yaml
@@ -28,7 +30,7 @@ _ENDINGS = {
     "joint-trajectory": ".yaml",
     "states": ".csv",
 }
-_TABLES: dict[str, Callable[[Path, Table], None]] = {"csv": write_csv, "npz": write_npz, "parquet": write_parquet}
+_BINARY: dict[str, Callable[[Path, Table], None]] = {"npz": write_npz, "parquet": write_parquet}
 _DEFAULTS = GcodeSettings()
 
 
@@ -36,7 +38,9 @@ _DEFAULTS = GcodeSettings()
 @click.argument("source", metavar="BAG|PROGRAM", type=click.Path(path_type=Path))
 @click.option("--format", "kind", type=click.Choice(list(_ENDINGS)), default="gcode", show_default=True)
 @click.option(
-    "--out", type=click.Path(path_type=Path, dir_okay=False), help="Output file; default: named after the source."
+    "--out",
+    type=TEXT_OUTPUT,
+    help="Output file; default: named after the source. - is standard output, for all formats but npz and parquet.",
 )
 @click.option("--program", type=int, help="Number of the program in the bag; default: the last one.")
 @machine_option
@@ -68,6 +72,11 @@ def command(
 
     Machine, method and smoothing tolerance apply to a program; a bag contains its own.
     """
+    to_stdout = is_standard_output(out)
+    if to_stdout and kind in _BINARY:
+        raise ConfigError(
+            f"--format {kind} is binary and needs a file: give --out FILE, or --format csv for standard output"
+        )
     bag = bag_of(source)
     run = read_bag(bag, program) if bag.is_dir() or bag.suffix == ".mcap" else None
     stem = source.parent.name if source.name == BAG_NAME else source.stem
@@ -75,21 +84,25 @@ def command(
     if kind == "states":
         if run is None:
             raise ConfigError(f"{source}: is a program; states can only be exported from the bag of a run")
-        _write(path, lambda: write_csv(path, state_table(run)))
-        click.echo(f"{path}: {len(run.states)} states")
+        states = state_table(run)
+        _write_text(path, lambda file: write_csv(file, states))
+        click.echo(f"{path}: {len(run.states)} states", err=to_stdout)
         return
     motion = _motion(source, run, (machine, method, tolerance_mm))
     if kind == "gcode":
         settings = GcodeSettings(chord_tolerance_mm, longest_chord_mm, feed_step_mm_min, inverse_time)
-        click.echo(_write_gcode(path, motion, settings))
+        click.echo(_write_gcode(path, motion, settings), err=to_stdout)
     elif kind == "joint-trajectory":
         text = joint_trajectory_yaml(motion, period_s)
-        _write(path, lambda: path.write_text(text, encoding="utf-8"))
-        click.echo(f"{path}: {text.count('- positions')} points, {motion.t_s[-1]:.3f} s")
+        _write_text(path, lambda file: file.write(text))
+        click.echo(f"{path}: {text.count('- positions')} points, {motion.t_s[-1]:.3f} s", err=to_stdout)
     else:
         table = setpoint_table(motion, period_s)
-        _write(path, lambda: _TABLES[kind](path, table))
-        click.echo(f"{path}: {len(table['t_s'])} set points, {motion.t_s[-1]:.3f} s")
+        if kind in _BINARY:
+            _write(path, lambda: _BINARY[kind](path, table))
+        else:
+            _write_text(path, lambda file: write_csv(file, table))
+        click.echo(f"{path}: {len(table['t_s'])} set points, {motion.t_s[-1]:.3f} s", err=to_stdout)
 
 
 def _motion(source: Path, run: RunData | None, planning: tuple[str, str, float]) -> Motion:
@@ -108,12 +121,20 @@ def _motion(source: Path, run: RunData | None, planning: tuple[str, str, float])
 
 def _write_gcode(path: Path, motion: Motion, settings: GcodeSettings) -> str:
     written = write_gcode(motion, settings)
-    _write(path, lambda: path.write_text("\n".join(written.lines) + "\n", encoding="utf-8"))
+    _write_text(path, lambda file: file.write("\n".join(written.lines) + "\n"))
     return (
         f"{path}: {written.chords} moves within {1e3 * written.deviation_mm:.2f} um of the path (read back); "
         f"{written.written_s:.3f} s at their feeds (planned {written.planned_s:.3f} s), "
         f"up to {written.blocks_a_second:.0f} moves a second"
     )
+
+
+def _write_text(path: Path, write: Callable[[TextIO], object]) -> None:
+    def opened() -> None:
+        with open_text(path) as file:
+            write(file)
+
+    _write(path, opened)
 
 
 def _write(path: Path, write: Callable[[], object]) -> None:
