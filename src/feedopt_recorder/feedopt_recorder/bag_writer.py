@@ -27,8 +27,10 @@ from feedopt_recorder.errors import BagError, BagWriteError
 from feedopt_recorder.mcap_writer import McapWriter
 from feedopt_recorder.message_schemas import MessageSchemas
 
-# Room for the index and metadata.yaml of an hour's recording, given back when the disk is full.
+# Disk space for the index and metadata.yaml of an hour's recording, released when the disk is full.
 RESERVE_BYTES = 2 * 1024 * 1024
+FLUSH_INTERVAL_S = 0.4
+"""A chunk is closed at the latest after this time, unless the caller gives another one."""
 
 
 class Received(NamedTuple):
@@ -71,7 +73,7 @@ class BagWriter:
         schemas: MessageSchemas,
         *,
         provenance: Mapping[str, Mapping[str, str]] | None = None,
-        flush_interval_s: float = 0.5,
+        flush_interval_s: float = FLUSH_INTERVAL_S,
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self.directory = directory
@@ -168,7 +170,7 @@ class BagWriter:
             return reserve, _UnbufferedFile(self.path)
         except OSError as error:
             raise BagWriteError(
-                f"{self.directory}: cannot create a bag: {error.strerror}; choose another folder or make room"
+                f"{self.directory}: cannot create a bag: {error.strerror}; choose another folder or free disk space"
             ) from error
 
     def _register(self, topic: Topic, schema_ids: Mapping[str, int]) -> int:
@@ -198,7 +200,7 @@ class BagWriter:
             saved = sum(topic.message_count for topic in repair_bag(self.directory).topics)
             outcome = f"{saved} of {written} messages are saved and readable"
         except (OSError, BagError) as further:
-            outcome = f"its index could not be written ({further}); repair the bag when there is room"
+            outcome = f"its index could not be written ({further}); repair the bag after freeing disk space"
         self._failure = BagWriteError(f"{self.path}: {error.strerror or error}; {outcome}")
         return self._failure
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from feedopt_core.schema import parameter
 from feedopt_node.parameters import GraphParameters
+from feedopt_recorder.bag_writer import FLUSH_INTERVAL_S
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class RecorderParameters(GraphParameters):
     )
     flush_interval_s: float = parameter(
         "What a crash may lose at most: a chunk is written at the latest after this time.",
-        default=0.4,
+        default=FLUSH_INTERVAL_S,
         unit="s",
         at_least=0.05,
         at_most=10.0,

@@ -18,7 +18,7 @@ from rosbags.highlevel import AnyReader
 
 from feedopt_core.errors import ConfigError
 from feedopt_recorder import bag_writer
-from feedopt_recorder.bag_writer import BagWriter, Received
+from feedopt_recorder.bag_writer import FLUSH_INTERVAL_S, BagWriter, Received
 from feedopt_recorder.bags.repair import repair_bag
 from feedopt_recorder.errors import BagWriteError
 
@@ -216,10 +216,10 @@ def test_flush_interval_bounds_what_is_held_back(tmp_path: Path) -> None:
     size = writer.path.stat().st_size
     first = next(iter(messages(DURATION_S)))
     writer.write([first.received()])
-    now[0] = 0.49
+    now[0] = FLUSH_INTERVAL_S - 0.01
     writer.flush_if_due()
     assert writer.path.stat().st_size == size
-    now[0] = 0.5
+    now[0] = FLUSH_INTERVAL_S
     writer.flush_if_due()
     assert writer.path.stat().st_size > size
     writer.close()
