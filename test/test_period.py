@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from feedopt_core.errors import ConfigError
 from feedopt_core.machine.machine_file import load_machine, parse_machine
 from feedopt_core.pipeline.plan_program import Plan, plan_program
 from feedopt_core.planner.stream_planner import PlannerParameters
+from feedopt_tools.command.main import main
 from feedopt_tools.export.motion import motion_of_plan
 from feedopt_tools.export.samples import rows_every
 from router_sim.machine_file import load_matching_router
@@ -106,3 +108,14 @@ def test_router_whose_servo_has_another_period_is_refused(tmp_path: Path) -> Non
     path = machine_file(tmp_path, 0.001, servo_period_s=0.002)
     with pytest.raises(ConfigError, match=r"servo_period_s .* 0\.002 s, period_s .* 0\.001 s"):
         load_matching_router(str(path))
+
+
+@pytest.mark.parametrize("period_s", PERIODS_S)
+def test_export_command_takes_the_period_of_the_machine(tmp_path: Path, period_s: float) -> None:
+    machine, program, out = machine_file(tmp_path, period_s), tmp_path / "part.ngc", tmp_path / "part.csv"
+    program.write_text(PROGRAM, "utf-8")
+    arguments = ["export", str(program), "--machine", str(machine), "--format", "csv", "--out", str(out)]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    t_s = np.loadtxt(out, delimiter=",", skiprows=1)[:, 0]
+    np.testing.assert_allclose(np.diff(t_s), period_s, rtol=1e-9)

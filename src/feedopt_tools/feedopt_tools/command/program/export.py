@@ -50,9 +50,7 @@ _DEFAULTS = GcodeSettings()
 @click.option("--longest-chord-mm", type=float, default=_DEFAULTS.longest_chord_mm, show_default=True, help="G-code.")
 @click.option("--feed-step-mm-min", type=float, default=_DEFAULTS.feed_step_mm_min, show_default=True, help="G-code.")
 @click.option("--inverse-time", is_flag=True, help="G-code: feeds as inverse time (G93).")
-@click.option(
-    "--period-s", type=float, default=0.001, show_default=True, help="Period of set points and trajectories, s."
-)
+@click.option("--period-s", type=float, help="Period of set points and trajectories, s; default: that of the machine.")
 def command(
     source: Path,
     kind: str,
@@ -66,7 +64,7 @@ def command(
     longest_chord_mm: float,
     feed_step_mm_min: float,
     inverse_time: bool,
-    period_s: float,
+    period_s: float | None,
 ) -> None:
     """Write a recorded run, or plan a program and write it, as G-code with feeds, set points, trajectory or states.
 
@@ -89,6 +87,7 @@ def command(
         click.echo(f"{path}: {len(run.states)} states", err=to_stdout)
         return
     motion = _motion(source, run, (machine, method, tolerance_mm))
+    period_s = motion.machine.period_s if period_s is None else period_s
     if kind == "gcode":
         settings = GcodeSettings(chord_tolerance_mm, longest_chord_mm, feed_step_mm_min, inverse_time)
         click.echo(_write_gcode(path, motion, settings), err=to_stdout)
